@@ -55,7 +55,8 @@ def find_asked_place(places: CatchPlaces, within: tuple[float, float] | None) ->
     if not np.isfinite(angle).any():
         return None
     # of equal angles, to what a double can tell, the first counts
-    return int(np.flatnonzero(angle >= angle.max() * (1.0 - _EQUAL_ANGLES))[0])
+    is_greatest = angle >= angle.max() * (1.0 - _EQUAL_ANGLES)
+    return int(np.flatnonzero(is_greatest)[0])
 
 
 def find_catch_places(
@@ -64,19 +65,21 @@ def find_catch_places(
     """Find every place steeper than the ground on both its sides by `least` [rad]."""
     # both slopes of each knot, for a kink has two
     x = np.repeat(track.x, 2)[1:-1]
-    angle = np.arctan(np.column_stack([track.slope_start, track.slope_end]).ravel())
+    slopes = np.column_stack([track.slope_start, track.slope_end]).ravel()
+    angle = np.arctan(slopes)
     peaks = find_prominent_peaks(angle, least)
     first, last = _widen_peaks(angle, peaks)
     # rounding makes several peaks of one slope
     is_single = np.append(True, first[1:] > last[:-1])[: peaks.size]
     peaks, first, last = peaks[is_single], first[is_single], last[is_single]
+    critical = angle[peaks]
     return CatchPlaces(
-        x[first],
-        angle[peaks],
-        x[last],
-        _find_ends(x, angle, peaks, first, last),
-        _find_starts(x, angle, first, last, _AHEAD * ball_radius),
-        x[first] + ball_radius * np.sin(angle[peaks]),
+        x=x[first],
+        angle=critical,
+        last=x[last],
+        behind=_find_ends(x, angle, peaks, first, last),
+        start=_find_starts(x, angle, first, last, _AHEAD * ball_radius),
+        contact=x[first] + ball_radius * np.sin(critical),
     )
 
 
@@ -99,7 +102,8 @@ def _find_ends(x: Array, angle: Array, peaks: Indices, first: Indices, last: Ind
     for number, peak in enumerate(peaks):
         ahead = angle[last[number] : following[number] + 1]
         half = 0.5 * (angle[peak] + ahead.min())
-        ends[number] = x[last[number] + int(np.argmax(ahead <= half))]
+        steps = int(np.argmax(ahead <= half))
+        ends[number] = x[last[number] + steps]
     return ends
 
 
@@ -109,6 +113,7 @@ def _find_starts(x: Array, angle: Array, first: Indices, last: Indices, ahead: f
     for number in range(1, first.size):
         begin = int(last[number - 1])
         between = angle[begin : int(first[number]) + 1]
-        level = np.flatnonzero(between <= between.min() + _LEVEL) + begin
+        is_level = between <= between.min() + _LEVEL
+        level = np.flatnonzero(is_level) + begin
         starts[number] = max(x[level[0]], x[level[-1]] - ahead)
     return starts

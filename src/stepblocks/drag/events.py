@@ -23,14 +23,17 @@ def list_events(
     Events at the place that was asked about, and those `within` a range of x [m], belong to the
     feature.
     """
-    sign = -1.0 if backward else 1.0
+    sign = 1.0
+    if backward:
+        sign = -1.0
     events = []
     for number, event in enumerate(trace.events):
+        contact_x = sign * event.contact_x_m
         placed = replace(
             event,
-            belongs_to=_find_belonging(trace, event, sign * event.contact_x_m, within),
+            belongs_to=_find_belonging(trace, event, contact_x, within),
             x_m=sign * event.x_m,
-            contact_x_m=sign * event.contact_x_m,
+            contact_x_m=contact_x,
         )
         if event.status is Status.RELEASES:
             placed = _add_ring(placed, trace, number)
@@ -85,9 +88,6 @@ def drag_face(
     within = None
     if track.feature is not None:
         within = track.feature.first, track.feature.last
-    return simulate_drag(
-        track,
-        build_probe(point.tool, point.ball_radius, point.contact, **(probe or {})),
-        DragSettings.from_point(point, **(settings or {})),
-        within,
-    )
+    built_probe = build_probe(point.tool, point.ball_radius, point.contact, **(probe or {}))
+    drag_settings = DragSettings.from_point(point, **(settings or {}))
+    return simulate_drag(track, built_probe, drag_settings, within)

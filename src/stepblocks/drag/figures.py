@@ -24,7 +24,8 @@ def plot_force(trace: DragTrace, axes: "Axes", channel: str = "fx_n") -> "Axes":
 
     The release that was asked about is marked in red, any other in grey.
     """
-    axes.plot(trace.column("time_s") * 1e3, trace.column(channel), lw=0.8, color=_BLUE)
+    milliseconds = trace.column("time_s") * 1e3
+    axes.plot(milliseconds, trace.column(channel), lw=0.8, color=_BLUE)
     axes.set_ylabel(_LABELS.get(channel, channel))
     for number, event in enumerate(trace.events):
         if event.status is Status.RELEASES and number != trace.asked:
@@ -40,9 +41,10 @@ def draw_force(trace: DragTrace, path: Path, title: str) -> None:
     for axis, name in zip(axes, ("fx_n", "fy_n"), strict=True):
         plot_force(trace, axis, name)
     if trace.status is Status.RELEASES:
+        peak = (trace.release_time * 1e3, trace.peak_force)
         axes[0].annotate(
             f"release, $F_{{px}}$ = {trace.peak_force:.3g} N",
-            (trace.release_time * 1e3, trace.peak_force),
+            peak,
             (8, 2),
             textcoords="offset points",
             va="top",
@@ -72,7 +74,8 @@ def _draw_spectrum(axis: "Axes", trace: DragTrace, phase: Phase, channel: str, l
     frequency, energy = compute_phase_spectrum(trace, phase, channel)
     is_shown = frequency <= _HIGHEST
     shown = energy[is_shown]
-    axis.plot(frequency[is_shown], shown / max(float(shown.max()), 1e-300), lw=0.9, color=_BLUE)
+    highest = max(float(shown.max()), 1e-300)
+    axis.plot(frequency[is_shown], shown / highest, lw=0.9, color=_BLUE)
     axis.axvspan(low, high, color="#f0c040", alpha=0.25, lw=0)
     share = compute_band_share(frequency, energy, (low, high))
     axis.set_title(f"{phase}, {label}: {share:.0%} in {low:.0f}-{high:.0f} Hz", fontsize=9)

@@ -57,7 +57,8 @@ def find_time_step(probe: Probe, settings: DragSettings, limit: float) -> Grain:
     stored = 0.5 * (limit / _HELD_LIMIT) ** 2 / probe.stiffness
     climb = min(limit, _CLIMB_LIMIT * settings.normal_load)
     power, stiffness = probe.contact_power, probe.contact_stiffness
-    blow = stiffness * float(((power + 1.0) * stored / stiffness) ** (power / (power + 1.0)))
+    dent_power = (power + 1.0) * stored / stiffness  # d^(p + 1) of the dent that stores it
+    blow = stiffness * float(dent_power ** (power / (power + 1.0)))
     force = max(climb, blow)
     normal = power * force / probe.find_indentation(force)
     law = settings.friction_law
@@ -72,11 +73,8 @@ def find_time_step(probe: Probe, settings: DragSettings, limit: float) -> Grain:
     of_overtones = sum(mode.stiffness / mode.mass for mode in probe.overtones)
     of_contact = (2.0 * normal + 2.0 * tangential + probe.stiffness) / light
     fastest = math.sqrt(of_contact + of_overtones)
-    return Grain(
-        2.0 * math.pi / (fastest * settings.resolution),
-        tangential,
-        probe.find_indentation(blow),
-    )
+    time_step = 2.0 * math.pi / (fastest * settings.resolution)
+    return Grain(time_step, tangential, probe.find_indentation(blow))
 
 
 def plan_steps(
@@ -135,54 +133,62 @@ def build_model(
 
     Within the `window` [m] about a kink both of its sides are touched.
     """
+    sliding_pull = settings.friction * settings.normal_load + settings.tissue_friction
     return kernels.Model(
         window=window,
         spring=_build_spring(probe),
-        contact=kernels.NormalContact(
-            stiffness=float(probe.contact_stiffness),
-            power=float(probe.contact_power),
-            loss=float(probe.contact_loss),
-        ),
+        contact=_build_normal_contact(probe),
         carrier=_build_carrier(probe, settings),
-        handle=kernels.Handle(
-            is_driven=settings.speed > 0.0,
-            speed=float(settings.speed),
-            pull=float(settings.pulling_force),
-            mass=float(settings.handle_mass),
-            damping=float(settings.handle_damping),
-        ),
+        handle=_build_handle(settings),
         friction=_build_friction(probe, settings, bristle_stiffness),
-        wall=kernels.Wall(
-            is_there=settings.tissue_stiffness > 0.0,
-            stiffness=float(settings.tissue_stiffness),
-            damping=float(settings.tissue_damping),
-            friction=float(settings.tissue_friction),
-        ),
-        sliding_pull=float(settings.friction * settings.normal_load + settings.tissue_friction),
+        wall=_build_wall(settings),
+        sliding_pull=float(sliding_pull),
     )
 
 
 def _build_spring(probe: Probe) -> kernels.Spring:
     """Build the spring along the drag, its damper a share of the critical one."""
     stiffness, mass = probe.first_stiffness, float(probe.mass)
+    damping = 2.0 * float(probe.damping_ratio) * math.sqrt(stiffness * mass)
     return kernels.Spring(
         tool_stiffness=float(probe.stiffness),
         stiffness=stiffness,
         mass=mass,
-        damping=2.0 * float(probe.damping_ratio) * math.sqrt(stiffness * mass),
+        damping=damping,
         hardening=float(probe.hardening),
+    )
+
+
+def _build_normal_contact(probe: Probe) -> kernels.NormalContact:
+    """Build the contact along its normal."""
+    return kernels.NormalContact(
+        stiffness=float(probe.contact_stiffness),
+        power=float(probe.contact_power),
+        loss=float(probe.contact_loss),
     )
 
 
 def _build_carrier(probe: Probe, settings: DragSettings) -> kernels.Carrier:
     """Build what presses the tip down, damped by the same share as the spring."""
     stiffness, mass = float(probe.normal_stiffness), float(probe.mass)
+    damping = 2.0 * float(probe.damping_ratio) * math.sqrt(stiffness * mass)
     return kernels.Carrier(
         load=float(settings.normal_load),
         is_sprung=stiffness > 0.0,
         stiffness=stiffness,
-        damping=2.0 * float(probe.damping_ratio) * math.sqrt(stiffness * mass),
+        damping=damping,
         mass=float(probe.carrier_mass),
+    )
+
+
+def _build_handle(settings: DragSettings) -> kernels.Handle:
+    """Build what moves the tool; without a speed a force pulls it."""
+    return kernels.Handle(
+        is_driven=settings.speed > 0.0,
+        speed=float(settings.speed),
+        pull=float(settings.pulling_force),
+        mass=float(settings.handle_mass),
+        damping=float(settings.handle_damping),
     )
 
 
@@ -192,7 +198,9 @@ def _build_friction(
     """Build the friction of the tip on bristles of a stiffness [N/m]."""
     sliding, static = float(settings.friction), float(settings.friction_at_rest)
     viscous = float(settings.viscous_friction)
+    damping = _BRISTLE_DAMPING * math.sqrt(bristle_stiffness * float(probe.mass))
     law = settings.friction_law
+    bends = law is not None and law.bristle_stiffness > 0.0
     return kernels.Friction(
         sliding=sliding,
         static=static,
@@ -201,6 +209,16 @@ def _build_friction(
         varies=static != sliding or viscous > 0.0,
         stiffness=bristle_stiffness,
         give=1.0 / bristle_stiffness,
-        damping=_BRISTLE_DAMPING * math.sqrt(bristle_stiffness * float(probe.mass)),
-        bends=law is not None and law.bristle_stiffness > 0.0,
+        damping=damping,
+        bends=bends,
+    )
+
+
+def _build_wall(settings: DragSettings) -> kernels.Wall:
+    """Build the soft wall along which the tool rubs, where there is one."""
+    return kernels.Wall(
+        is_there=settings.tissue_stiffness > 0.0,
+        stiffness=float(settings.tissue_stiffness),
+        damping=float(settings.tissue_damping),
+        friction=float(settings.tissue_friction),
     )

@@ -115,14 +115,18 @@ class Probe:
         At rest a `steady_force` [N] pulls.
         """
         if self.hardening == 0.0:
-            return 0.5 * (force - steady_force) * (force - steady_force) / self.stiffness
-        stretch, rest_stretch = self.compute_stretch(force), self.compute_stretch(steady_force)
+            excess = force - steady_force
+            return 0.5 * excess * excess / self.stiffness
+        stretch = self.compute_stretch(force)
+        rest_stretch = self.compute_stretch(steady_force)
         stored = self._compute_stored_energy(stretch) - self._compute_stored_energy(rest_stretch)
         return stored - steady_force * (stretch - rest_stretch)
 
     def _compute_stored_energy(self, stretch: float) -> float:
         """Energy of the hardening spring at a stretch [m], in J."""
-        return 0.5 * self.stiffness * stretch**2 + 0.25 * self.hardening * stretch**4
+        linear = 0.5 * self.stiffness * stretch**2
+        cubic = 0.25 * self.hardening * stretch**4
+        return linear + cubic
 
 
 @dataclass(frozen=True)
@@ -221,12 +225,10 @@ class DragSettings:
             return settings
         sliding = law.coefficient(settings.speed, point.normal_load, 0.0, 0.0)
         at_rest = law.coefficient(0.0, point.normal_load, 0.0, 0.0)
-        return replace(
-            settings,
-            friction=sliding,
-            static_friction=at_rest if at_rest > sliding else 0.0,
-            friction_law=law,
-        )
+        static = 0.0
+        if at_rest > sliding:
+            static = at_rest
+        return replace(settings, friction=sliding, static_friction=static, friction_law=law)
 
     @property
     def friction_at_rest(self) -> float:
@@ -257,8 +259,9 @@ def build_probe(
     for overtone in tool.overtones:
         mode_mass = overtone.mass_ratio * mass
         omega = math.tau * overtone.frequency
+        mode_stiffness = mode_mass * omega * omega
         damping = 2.0 * mode_mass / overtone.decay_time
-        overtones.append(Mode(mode_mass * omega * omega, mode_mass, damping))
+        overtones.append(Mode(mode_stiffness, mode_mass, damping))
     values = {
         "stiffness": tool.stiffness,
         "mass": mass,
@@ -297,10 +300,11 @@ class Setting:
 
     def list_probe_changes(self, tool: Tool, normal_load: float) -> dict[str, float]:
         """Return what the probe changes by this way: a round rod is as stiff along the normal."""
+        weight_mass = normal_load / _GRAVITY
         return {
             "damping_ratio": self.damping_ratio,
             "normal_stiffness": tool.stiffness,
-            "carrier_mass": normal_load / _GRAVITY + self.holder_mass,
+            "carrier_mass": weight_mass + self.holder_mass,
         }
 
 

@@ -126,7 +126,9 @@ class DragRecord:
 def build_record(drag: DragResult) -> DragRecord:
     """Build the record of a drag."""
     trace, ring = drag.trace, drag.ring
+    events = json.loads(drag.events.to_json(orient="records", double_precision=15))
     elsewhere = drag.events[drag.events.belongs_to != Belonging.FEATURE.value]
+    other_releases = (elsewhere.status == Status.RELEASES.value).sum()
     return DragRecord(
         subject=drag.title,
         status=str(trace.status),
@@ -137,8 +139,8 @@ def build_record(drag: DragResult) -> DragRecord:
         settings=trace.settings,
         tool_frequency_hz=drag.tool.frequency,
         tool_frequency_deviation_hz=drag.tool.frequency_deviation,
-        events=json.loads(drag.events.to_json(orient="records", double_precision=15)),
-        other_releases=int((elsewhere.status == Status.RELEASES.value).sum()),
+        events=events,
+        other_releases=int(other_releases),
         reason=_explain_status(trace, ring),
         limit=_describe_limit(drag),
         setting=drag.setting,
@@ -151,7 +153,8 @@ def build_record(drag: DragResult) -> DragRecord:
 
 def _write_probe(probe: Probe) -> dict[str, object]:
     """Write every field of a probe, its overtones as lists."""
-    return asdict(probe) | {"overtones": [list(mode) for mode in probe.overtones]}
+    overtones = [list(mode) for mode in probe.overtones]
+    return asdict(probe) | {"overtones": overtones}
 
 
 def _write_settings(settings: DragSettings) -> dict[str, object]:
@@ -195,13 +198,17 @@ def _describe_texture(elsewhere: pd.DataFrame, ball_radius: float) -> TextureRec
     if len(elsewhere) == 0:
         return None
     angle = float(elsewhere.critical_angle_deg.max())
-    return TextureRecord(angle, float(compute_height_at_angle(math.radians(angle), ball_radius)))
+    hidden = compute_height_at_angle(math.radians(angle), ball_radius)
+    return TextureRecord(angle, float(hidden))
 
 
 def _describe_ring(trace: DragTrace, ring: Ring | None) -> RingRecord | None:
     """Describe the release that was asked about."""
     if ring is None:
         return None
+    decay_time = None
+    if not math.isnan(ring.decay_time):
+        decay_time = ring.decay_time
     return RingRecord(
         peak_force_n=trace.peak_force,
         release_time_s=trace.release_time,
@@ -211,7 +218,7 @@ def _describe_ring(trace: DragTrace, ring: Ring | None) -> RingRecord | None:
         ring_share=ring.share,
         fall_energy_j=ring.fall_energy,
         ring_duration_s=ring.duration,
-        ring_decay_time_s=None if math.isnan(ring.decay_time) else ring.decay_time,
+        ring_decay_time_s=decay_time,
         ring_frequency_hz=ring.frequency,
         loading_share_0_100_hz=ring.loading_share,
         vibration_share_250_350_hz=ring.ring_band_share,
@@ -255,18 +262,20 @@ def _list_causes(drag: DragResult) -> dict[str, float]:
     trace, probe, settings = drag.trace, drag.trace.probe, drag.trace.settings
     pull, angle, load = drag.formula.pull_force, drag.formula.angle, settings.normal_load
     depth = probe.find_indentation(load)
-    pressed_height = max(compute_height_at_angle(angle, drag.ball_radius) - depth, 0.0)
+    height = compute_height_at_angle(angle, drag.ball_radius)
+    pressed_height = max(height - depth, 0.0)
     pressed_angle = compute_step_angle(pressed_height, drag.ball_radius)
-    pressed_pull = compute_pull_force(load, pressed_angle + math.atan2(pull, load) - angle, 0.0)
+    pull_angle = pressed_angle + math.atan2(pull, load) - angle
+    pressed_pull = compute_pull_force(load, pull_angle, 0.0)
     time, handle = trace.column("time_s"), trace.column("handle_m")
-    speed = float(np.interp(trace.release_time, time, np.gradient(handle, time)))
+    speeds = np.gradient(handle, time)
+    speed = float(np.interp(trace.release_time, time, speeds))
+    catching_up = speed * math.sqrt(probe.first_stiffness * probe.mass)
     at_rest = compute_pull_force(load, angle, settings.friction_at_rest) - pull
     sliding = compute_pull_force(load, angle, settings.friction) - pull
     return {
         f"the contact gives way by {format_quantity(depth, 'length')}": pressed_pull - pull,
-        f"the handle goes on at {1e3 * speed:.3g} mm/s while the tip gathers speed": (
-            speed * math.sqrt(probe.first_stiffness * probe.mass)
-        ),
+        f"the handle goes on at {1e3 * speed:.3g} mm/s while the tip gathers speed": catching_up,
         "the tool rubs along a wall": settings.tissue_friction,
         f"friction is {settings.friction_at_rest:.3g} at rest and {settings.friction:.3g} as "
         "the tip slides, at most": at_rest + sliding,

@@ -128,7 +128,8 @@ def measure_ring(trace: DragTrace, *, spectra: bool = True, event: int | None = 
     """
     if event is None:
         _check_length(trace)
-    cut = _cut_ring(trace, trace.asked if event is None else event)
+        event = trace.asked
+    cut = _cut_ring(trace, event)
     level = cut.sliding_force
     swing = _cut_first_swing(cut, level)
     force = swing.column("fx_n")
@@ -141,7 +142,8 @@ def measure_ring(trace: DragTrace, *, spectra: bool = True, event: int | None = 
     else:
         energy = trace.probe.compute_energy(amplitude)
     # the spring and the fall of the load feed the first swing, which ends where the tip turns
-    heights = cut.column("y_m")[: int(np.argmin(force)) + 1]
+    turning = int(np.argmin(force))
+    heights = cut.column("y_m")[: turning + 1]
     fall = trace.settings.normal_load * float(heights[0] - heights.min())
     available = cut.stored_energy + fall
     if not energy <= available:
@@ -153,13 +155,15 @@ def measure_ring(trace: DragTrace, *, spectra: bool = True, event: int | None = 
         amplitude,
         level,
         energy,
-        energy / available,
-        _find_duration(cut, amplitude),
-        _find_decay_time(cut),
-        fall,
+        share=energy / available,
+        duration=_find_duration(cut, amplitude),
+        decay_time=_find_decay_time(cut),
+        fall_energy=fall,
         mode_energies=mode_energies,
     )
-    return _add_spectra(ring, trace) if spectra else ring
+    if spectra:
+        return _add_spectra(ring, trace)
+    return ring
 
 
 def _check_length(trace: DragTrace) -> None:
@@ -181,7 +185,8 @@ def _cut_first_swing(cut: DragTrace, level: float) -> DragTrace:
     period = 1.0 / cut.probe.frequency
     near_peak = _OF_PEAK * cut.peak_force + _OF_LEVEL * level
     is_held = (time <= _find_fall_time(cut)) & (force > near_peak)
-    end = max(cut.release_time + 2.0 * period, time[is_held].max(initial=0.0) + 1.5 * period)
+    held_until = time[is_held].max(initial=0.0)
+    end = max(cut.release_time + 2.0 * period, held_until + 1.5 * period)
     count = max(int(np.searchsorted(time, end)), _FEWEST)
     return replace(cut, rows=cut.rows[:count])
 
@@ -199,8 +204,8 @@ def _compute_mode_energies(swing: DragTrace, level: float) -> tuple[float, ...]:
 
 def _find_duration(cut: DragTrace, amplitude: float) -> float:
     """Time until the force stays near where it settles [s]."""
-    off = np.abs(cut.column("fx_n") - _measure_settled_force(cut))
-    loud = np.flatnonzero(off > _QUIET * amplitude)
+    deviation = np.abs(cut.column("fx_n") - _measure_settled_force(cut))
+    loud = np.flatnonzero(deviation > _QUIET * amplitude)
     if loud.size == 0:
         return 0.0
     return float(cut.column("time_s")[loud[-1]] - cut.release_time)
@@ -277,11 +282,13 @@ def _find_decay_time(cut: DragTrace) -> float:
 
     A swing is the greatest deviation in half a period. NaN where the trace ends before.
     """
-    force = cut.column("fx_n")[cut.column("time_s") >= _find_fall_time(cut)]
+    is_falling = cut.column("time_s") >= _find_fall_time(cut)
+    force = cut.column("fx_n")[is_falling]
     rate = cut.settings.sample_rate
-    half = max(round(0.5 * rate / cut.probe.frequency), 2)
+    half = max(round(0.5 * rate / cut.probe.frequency), 2)  # samples of half a period
     whole = force[: force.size // half * half]
-    swings = np.abs(whole - _measure_settled_force(cut)).reshape(-1, half).max(axis=1)
+    deviation = np.abs(whole - _measure_settled_force(cut))
+    swings = deviation.reshape(-1, half).max(axis=1)
     below = np.flatnonzero(swings <= swings[:1] / math.e)
     if below.size == 0 or below[0] == 0:
         return math.nan
@@ -296,8 +303,9 @@ def _measure_settled_force(cut: DragTrace) -> float:
     """Mean pull over the last whole periods, so that a ring that goes on averages out [N]."""
     time, force = cut.column("time_s"), cut.column("fx_n")
     last_part = _SETTLED * (time[-1] - cut.release_time)
-    periods = max(np.floor(last_part * cut.probe.frequency), 1.0)
-    count = max(round(periods / cut.probe.frequency * cut.settings.sample_rate), 2)
+    frequency = cut.probe.frequency
+    periods = max(np.floor(last_part * frequency), 1.0)
+    count = max(round(periods / frequency * cut.settings.sample_rate), 2)
     return float(force[-count - 1 : -1].mean())
 
 
@@ -315,4 +323,5 @@ def compute_band_share(
     """Share of a spectrum's energy between two frequencies [1]."""
     low, high = band
     is_inside = (frequency >= low) & (frequency <= high)
-    return float(energy[is_inside].sum() / energy.sum())
+    inside = energy[is_inside].sum()
+    return float(inside / energy.sum())

@@ -84,7 +84,9 @@ def _read_values(keywords: Mapping[str, object]) -> dict[str, float]:
 def _suggest_name(word: str) -> str:
     """Suggest the keyword that was probably meant; an empty text where none is near."""
     near = get_close_matches(word, _DIMENSIONS, 1)
-    return f"; did you mean {near[0]}?" if near else ""
+    if not near:
+        return ""
+    return f"; did you mean {near[0]}?"
 
 
 @dataclass(frozen=True, repr=False)
@@ -122,10 +124,9 @@ class Drag(DragResult):
     @property
     def frame(self) -> pd.DataFrame:
         """Traces [SI], one column each, its unit in its name."""
-        modes = range(1, self.trace.rows.shape[1] - len(COLUMNS) + 1)
-        return pd.DataFrame(
-            self.trace.rows, columns=[*COLUMNS, *(f"mode_{number}_n" for number in modes)]
-        )
+        modes = self.trace.rows.shape[1] - len(COLUMNS)
+        of_modes = [f"mode_{number}_n" for number in range(1, modes + 1)]
+        return pd.DataFrame(self.trace.rows, columns=[*COLUMNS, *of_modes])
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Plot the pull against time with a mark at every event.
@@ -159,9 +160,8 @@ class Drag(DragResult):
         draw_force(self.trace, folder / "force.png", self.title)
         if self.trace.status is Status.RELEASES:
             draw_spectra(self.trace, folder / "spectra.png", self.title)
-        replace_text(
-            folder / "drag.json", json.dumps(self.summary, indent=1, sort_keys=True) + "\n"
-        )
+        summary = json.dumps(self.summary, indent=1, sort_keys=True)
+        replace_text(folder / "drag.json", summary + "\n")
 
 
 def drag_over(
@@ -242,15 +242,17 @@ def drag_over(
         keywords = {"load": named.normal_load, "friction": named.friction} | keywords
     settings = _choose_settings(keywords)
     target = resolve_subject(subject, keywords, backward, stimuli, layout)
-    point = replace(
-        target.point, contact=contact or target.point.contact, tool=tool or target.point.tool
-    )
+    chosen_contact = contact or target.point.contact
+    chosen_tool = tool or target.point.tool
+    point = replace(target.point, contact=chosen_contact, tool=chosen_tool)
     face = target.face
     if x_range is not None:
         if not isinstance(face, Profile):
             raise PipelineError(f"x_range is for a profile; {target.name} has one edge")
         face = Profile(face.x, face.z, x_range)
-    changes = {} if named is None else named.list_probe_changes(point.tool, point.normal_load)
+    changes: dict[str, float] = {}
+    if named is not None:
+        changes = named.list_probe_changes(point.tool, point.normal_load)
     for name in _OF_PROBE:
         if name in keywords:
             changes[name] = keywords[name]
@@ -263,6 +265,9 @@ def drag_over(
         if target.place:
             raise PipelineError(f"{error} {target.place}") from error
         raise
+    within = None
+    if isinstance(face, Profile):
+        within = face.feature
     return Drag(
         f"Drag over {target.name}",
         trace,
@@ -270,7 +275,7 @@ def drag_over(
         point.tool,
         named,
         backward=backward,
-        within=face.feature if isinstance(face, Profile) else None,
+        within=within,
         ball_radius=point.ball_radius,
     )
 

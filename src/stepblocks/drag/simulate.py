@@ -154,7 +154,8 @@ class DragTrace:
     @property
     def ledger_error(self) -> float:
         """Open share of the ledger of the whole drag, over the greatest of its entries [1]."""
-        return _compute_unexplained_share(np.array([self.ledger[name] for name in kernels.LEDGER]))
+        entries = [self.ledger[name] for name in kernels.LEDGER]
+        return _compute_unexplained_share(np.array(entries))
 
     @cached_property
     def sliding_force(self) -> float:
@@ -181,7 +182,8 @@ def _compute_unexplained_share(ledger: NDArray[np.float64], least: float = _NO_E
     It is taken over the greatest of them, or over `least` [J].
     """
     unexplained = abs(ledger[0] - ledger[1:].sum())
-    return float(unexplained / max(np.abs(ledger).max(), least))
+    greatest = np.abs(ledger).max()
+    return float(unexplained / max(greatest, least))
 
 
 def simulate_drag(
@@ -257,30 +259,31 @@ def _integrate(
     patch = math.sqrt(track.ball_radius * depth)
     window = min(NEAR * track.ball_radius, PATCHES * patch)
     path = build_path(track, depth, patch, window, _BLOW * grain.blow)
+    model = build_model(probe, settings, window, grain.bristle_stiffness)
+    overtones = np.array(probe.overtones).reshape(-1, 3)
+    sliding_pull = settings.find_sliding_force()
     start = kernels.Start(
-        start_x,
-        float(np.interp(start_x, track.x, track.z)) - depth,
-        probe.compute_stretch(settings.find_sliding_force()),
+        x=start_x,
+        y=float(np.interp(start_x, track.x, track.z)) - depth,
+        stretch=probe.compute_stretch(sliding_pull),
+    )
+    locks = np.isinf(needed)
+    catches = kernels.Places(places.start, places.last, places.behind, locks, rises)
+    stop = kernels.Stop(
+        left=float(path.knots[0]),
+        right=float(path.knots[-1]),
+        pull=limit,
+        ring_time=float(settings.ring_time),
+        fall_back=_FALLEN_BACK * track.ball_radius,
     )
     law = settings.friction_law
-    outcome = kernels.integrate(
-        path,
-        build_model(probe, settings, window, grain.bristle_stiffness),
-        np.array(probe.overtones).reshape(-1, 3),
-        start,
-        pace,
-        kernels.Places(places.start, places.last, places.behind, np.isinf(needed), rises),
-        kernels.Stop(
-            left=float(path.knots[0]),
-            right=float(path.knots[-1]),
-            pull=limit,
-            ring_time=float(settings.ring_time),
-            fall_back=_FALLEN_BACK * track.ball_radius,
-        ),
-        None if law is None else compile_coefficient(law.coefficient),
-    )
+    coefficient = None
+    if law is not None:
+        coefficient = compile_coefficient(law.coefficient)
+    outcome = kernels.integrate(path, model, overtones, start, pace, catches, stop, coefficient)
     if law is not None:
         _check_law(law, outcome.rows)
+    events = _list_events(outcome.passages, places, needed, rises, sliding_pull)
     return DragTrace(
         rows=outcome.rows.copy(),
         status=Status.NO_CATCH,
@@ -291,7 +294,7 @@ def _integrate(
         probe=probe,
         settings=settings,
         track=track,
-        events=_list_events(outcome.passages, places, needed, rises, settings.find_sliding_force()),
+        events=events,
     )
 
 
@@ -299,7 +302,8 @@ def _check_law(law: FrictionLaw, rows: NDArray[np.float64]) -> None:
     """Refuse a law that gave no coefficient on the way: the tip would stick, or be driven."""
     columns = [kernels.COLUMNS.index(name) for name in ("time_s", "x_m", "vx_m_s", "normal_n")]
     is_touching = rows[:, kernels.COLUMNS.index("normal_n")] > 0.0
-    for time, x, speed, load in rows[is_touching][:, columns].tolist():
+    touching = rows[is_touching][:, columns]
+    for time, x, speed, load in touching.tolist():
         value = law.coefficient(speed, load, x, time)
         if not 0.0 <= value < math.inf:
             raise ContactError(
@@ -334,9 +338,11 @@ def _list_events(
         if not math.isfinite(pull):  # it never rose
             released = passage.passed_time
             pull = math.nan
+        status = _classify_passage(passage, needed[place], rises[place], sliding_pull)
+        ledger_error = _compute_unexplained_share(ledger - ledger_before, least)
         event = DragEvent(
             place=place,
-            status=_classify_passage(passage, needed[place], rises[place], sliding_pull),
+            status=status,
             belongs_to=None,
             x_m=float(places.x[place]),
             contact_x_m=float(places.contact[place]),
@@ -345,7 +351,7 @@ def _list_events(
             caught_s=passage.least_time,
             released_s=released,
             pull_n=pull,
-            ledger_error=_compute_unexplained_share(ledger - ledger_before, least),
+            ledger_error=ledger_error,
         )
         events.append(event)
         ledger_before = ledger
@@ -358,8 +364,9 @@ def _classify_passage(
     """Tell whether a place held the tip, which needs a rise of the pull [N]."""
     if math.isinf(needed):
         return Status.LOCKED
+    has_risen = passage.greatest - passage.least > rise
     # a spring that pulls less than the force of sliding has lifted nothing
-    if passage.greatest - passage.least > rise and passage.greatest > sliding_pull:
+    if has_risen and passage.greatest > sliding_pull:
         return Status.RELEASES
     return Status.RUN_OVER
 
@@ -373,22 +380,24 @@ def _report_asked_place(
     """
     met = [number for number, event in enumerate(trace.events) if event.place == wanted]
     if not met:
-        return replace(
-            trace,
-            status=Status.LOCKED,
-            reason=f"the tip does not pass x = {places.x[wanted] * 1e3:.4g} mm, which takes "
-            f"{needed[wanted]:.4g} N; the pull grows to {trace.peak_force:.4g} N",
+        reason = (
+            f"the tip does not pass x = {places.x[wanted] * 1e3:.4g} mm, which takes "
+            f"{needed[wanted]:.4g} N; the pull grows to {trace.peak_force:.4g} N"
         )
+        return replace(trace, status=Status.LOCKED, reason=reason)
     asked = met[0]
     for number in met:
         if trace.events[number].status is not Status.RUN_OVER:
             asked = number
             break
     event = trace.events[asked]
+    peak_force = trace.peak_force
+    if not math.isnan(event.pull_n):
+        peak_force = event.pull_n
     return replace(
         trace,
         status=event.status,
-        peak_force=trace.peak_force if math.isnan(event.pull_n) else event.pull_n,
+        peak_force=peak_force,
         release_time=event.released_s,
         asked=asked,
         reason=_explain_event(trace, event),
@@ -404,8 +413,9 @@ def _explain_event(trace: DragTrace, event: DragEvent) -> str:
         )
     if event.status is not Status.RUN_OVER:
         return ""
+    times = trace.column("time_s")
     begin = min(event.caught_s, event.released_s)
-    first, last = np.searchsorted(trace.column("time_s"), (begin, event.released_s)).tolist()
+    first, last = np.searchsorted(times, (begin, event.released_s)).tolist()
     normal_force = trace.column("normal_n")[max(first - 1, 0) : last + 1]
     if normal_force.min() <= 0.0:
         return "the tip comes over it in flight and is not caught"

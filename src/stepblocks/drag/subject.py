@@ -122,7 +122,9 @@ def _resolve_declared_part(
     else:
         height = values.get("step_height", stimuli.prediction.step_heights[0])
         face = part.counterface(height)
-        probe = part.id if part.ball is not None else f"probe in {part.id}"
+        probe = part.id
+        if part.ball is None:
+            probe = f"probe in {part.id}"
         name = f"{probe} over a step of {format_quantity(height, 'length')}"
     return Subject(name, face, change_point(point, values))
 

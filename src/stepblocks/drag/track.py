@@ -52,7 +52,9 @@ class Track(CentrePath):
     @cached_property
     def slopes(self) -> tuple[Array, Array]:
         """Slopes to the left and to the right of each knot [1]; they differ at a kink."""
-        return np.pad(self.slope_end, (1, 0)), np.pad(self.slope_start, (0, 1))
+        left = np.pad(self.slope_end, (1, 0))
+        right = np.pad(self.slope_start, (0, 1))
+        return left, right
 
     @cached_property
     def cubics(self) -> Array:
@@ -86,7 +88,8 @@ class Track(CentrePath):
     def evaluate(self, x: Array, side: Literal["left", "right"] = "right") -> tuple[Array, Array]:
         """Height [m] and slope [1] at any positions; at a knot, of the piece on one side."""
         last = self.x.size - 2
-        piece = np.clip(np.searchsorted(self.x, x, side=side) - 1, 0, last)
+        begun = np.searchsorted(self.x, x, side=side) - 1
+        piece = np.clip(begun, 0, last)  # the first and the last go on beyond the path
         height, slope, _ = _expand_about(self.cubics[piece], x - self.x[piece])
         return height, slope
 
@@ -97,7 +100,8 @@ class Track(CentrePath):
         nothing new. Down a face that falls it counts as far as the tip has come.
         """
         begin, end = self._find_face(place, landed)
-        touched = self._compute_touched_lengths() * np.diff(np.clip(self.x, begin, end))
+        width_on_face = np.diff(np.clip(self.x, begin, end))
+        touched = self._compute_touched_lengths() * width_on_face
         face = 0.0
         if touched.sum() > _LEAST_FACE * self.ball_radius:
             face = _find_median(np.diff(self.z) / np.diff(self.x), touched)
@@ -111,14 +115,16 @@ class Track(CentrePath):
         begin = max(behind_edge, landed - radius)
         is_steep = places.angle[place + 1 :] > 0.5 * places.angle[place]
         next_steep = places.x[place + 1 :][is_steep]
-        return begin, max(begin, next_steep.min(initial=begin + 2.0 * radius))
+        end = next_steep.min(initial=begin + 2.0 * radius)
+        return begin, max(begin, end)
 
     def _compute_touched_lengths(self) -> Array:
         """Length of surface that the ball newly touches along each piece, over that piece [1]."""
         radius, width = self.ball_radius, np.diff(self.x)
         sine_before = self.slope_start / np.hypot(1.0, self.slope_start)
         sine_behind = self.slope_end / np.hypot(1.0, self.slope_end)
-        return np.clip(1.0 + radius * (sine_behind - sine_before) / width, 0.0, 1.0)
+        turned = radius * (sine_behind - sine_before)  # by which the contact runs ahead [m]
+        return np.clip(1.0 + turned / width, 0.0, 1.0)
 
     def list_separate_kinks(self, depth: float, window: float) -> NDArray[np.int64]:
         """List the kinks at which two contacts share the load and part before the next one is near.
@@ -130,12 +136,14 @@ class Track(CentrePath):
         places = self.x[self.kinks]
         gaps = _measure_gaps(places)
         patch = math.sqrt(self.ball_radius * depth)
-        is_alone = np.minimum(gaps[:-1], gaps[1:]) > 2.0 * max(window, patch)
+        nearest = np.minimum(gaps[:-1], gaps[1:])
+        is_alone = nearest > 2.0 * max(window, patch)
         left, right = self.slopes
         turn = np.arctan(left[self.kinks]) - np.arctan(right[self.kinks])
         kept: list[int] = []
         for number in np.argsort(turn, kind="stable").tolist():  # the sharpest first
-            distance = np.abs(places[kept] - places[number]).min(initial=2.0 * window)
+            distances = np.abs(places[kept] - places[number])
+            distance = distances.min(initial=2.0 * window)
             apart = self._measure_parting(number, 0.5 * distance * _PARTING)
             if apart.min() < -_ROUGHNESS * depth:
                 continue
@@ -147,7 +155,8 @@ class Track(CentrePath):
         """Depth of both branches at a kink below the path at a distance [m], shape (2, n)."""
         height, slope, square = self.branch_coefficients[number].T[:, :, None]
         branch = height + reach * (slope + reach * square)
-        height_of_path, _ = self.evaluate(self.x[self.kinks][number] + reach)
+        kink = self.x[self.kinks][number]
+        height_of_path, _ = self.evaluate(kink + reach)
         return np.asarray(height_of_path - branch)
 
     def compute_branch_cubics(self, kept: NDArray[np.int64], depth: float, window: float) -> Array:
@@ -161,15 +170,18 @@ class Track(CentrePath):
         reach = np.column_stack([room[1:], -room[:-1]])
         height, slope, square = self.branch_coefficients[kept].transpose(2, 0, 1)
         branch = height + reach * (slope + reach * square)
-        apart = self.evaluate(places[:, None] + reach)[0] - branch
+        height_of_path, _ = self.evaluate(places[:, None] + reach)
+        apart = height_of_path - branch
         # a face ends where the other one is touched: from there on the ball rolls off its corner,
         # by x^2 / 2R
-        width = self.ball_radius * np.diff(slope / np.hypot(1.0, slope))
+        sine = slope / np.hypot(1.0, slope)
+        width = self.ball_radius * np.diff(sine)
         beyond_face = np.maximum(np.abs(reach) - width, 0.0)
         rolled = 0.5 * beyond_face**2 / self.ball_radius
         needed = np.maximum(depth - apart, rolled + square * reach * reach)
         missing = np.maximum(needed, 0.0)
-        return np.stack([height, slope, square, -missing / reach**3], axis=-1)
+        cube = -missing / reach**3
+        return np.stack([height, slope, square, cube], axis=-1)
 
     def flatten_kinks(self, kept: NDArray[np.int64], patch: float) -> "Track":
         """Return the track with a bend in the place of each kink that is not `kept`.
@@ -181,13 +193,16 @@ class Track(CentrePath):
             return self
         places = self.x[self.kinks]
         room = _HALF * _measure_gaps(places)
-        width = np.clip(np.minimum(room[:-1], room[1:]), _BEND * self.ball_radius, patch)
-        first, last = np.delete(places - width, kept), np.delete(places + width, kept)
+        narrower = np.minimum(room[:-1], room[1:])
+        width = np.clip(narrower, _BEND * self.ball_radius, patch)
+        first = np.delete(places - width, kept)
+        last = np.delete(places + width, kept)
         knots = np.unique(np.concatenate([self.x, first, last]))
         begun = np.searchsorted(np.sort(first), knots)
         ended = np.searchsorted(np.sort(last), knots, "right")
         is_bent = begun > ended
-        knots = knots[~is_bent | np.isin(knots, places[kept])]
+        is_kept = np.isin(knots, places[kept])
+        knots = knots[~is_bent | is_kept]
         z, slope_behind = self.evaluate(knots)
         _, slope_before = self.evaluate(knots, "left")
         return replace(
@@ -227,7 +242,8 @@ def _expand_about(cubics: Array, distance: Array) -> tuple[Array, Array, Array]:
     c0, c1, c2, c3 = np.moveaxis(cubics, -1, 0)
     height = c0 + distance * (c1 + distance * (c2 + distance * c3))
     slope = c1 + distance * (2.0 * c2 + 3.0 * distance * c3)
-    return height, slope, c2 + 3.0 * distance * c3
+    square = c2 + 3.0 * distance * c3
+    return height, slope, square
 
 
 def _measure_gaps(places: Array) -> Array:
@@ -239,7 +255,8 @@ def _find_median(values: Array, weights: Array) -> float:
     """Find the median of values of unlike weights."""
     order = np.argsort(values)
     share = np.cumsum(weights[order])
-    return float(values[order[np.searchsorted(share, 0.5 * share[-1])]])
+    middle = np.searchsorted(share, 0.5 * share[-1])
+    return float(values[order[middle]])
 
 
 @lru_cache(maxsize=16)  # a track is long to compute and serves every load and friction
@@ -247,7 +264,8 @@ def build_track(face: Counterface, ball_radius: float, backward: bool = False) -
     """Track over a counterface: up a step in closed form, else by dilating its section."""
     if isinstance(face, Step) and not backward:
         return build_step_track(face.height, ball_radius, face.edge_radius)
-    track = build_profile_track(*face.section(4.0 * ball_radius), ball_radius, backward=backward)
+    x, z = face.section(4.0 * ball_radius)
+    track = build_profile_track(x, z, ball_radius, backward=backward)
     if not isinstance(face, Profile) or face.feature is None:
         return track
     first, last = face.feature
@@ -284,7 +302,8 @@ def build_profile_track(
     if backward:
         xs, zs = -xs[::-1], zs[::-1]
     grid = _choose_grid(xs, ball_radius)
-    notches = _find_notches(xs, zs, build_profile_path(xs, zs, ball_radius, positions=grid))
+    coarse_path = build_profile_path(xs, zs, ball_radius, positions=grid)
+    notches = _find_notches(xs, zs, coarse_path)
     if not (notches.behind <= _RISER).all():
         raise ContactError(
             "profile has a riser as high as the ball (too-high); the tip would never climb it"
@@ -292,21 +311,26 @@ def build_profile_track(
     # two nodes closer than that would make a cubic of rounding errors
     room = _LEAST_PIECE * ball_radius
     is_apart = np.diff(notches.position, append=math.inf) > room
-    kinks = notches.select((notches.behind - notches.before > _KINK) & is_apart)
+    is_kink = notches.behind - notches.before > _KINK
+    kinks = notches.select(is_kink & is_apart)
     nodes = _choose_nodes(grid, kinks, room, ball_radius)
     path = build_profile_path(xs, zs, ball_radius, positions=nodes)
     numbers = np.searchsorted(nodes, kinks.position)
     left, right = path.slope.copy(), path.slope.copy()
-    left[numbers], right[numbers] = np.tan(kinks.before), np.tan(kinks.behind)
-    left, right = np.maximum(left, -_STEEPEST), np.maximum(right, -_STEEPEST)
-    first, last = nodes[0] - _LEVEL * ball_radius, nodes[-1] + _LEVEL * ball_radius
+    left[numbers] = np.tan(kinks.before)
+    right[numbers] = np.tan(kinks.behind)
+    left = np.maximum(left, -_STEEPEST)
+    right = np.maximum(right, -_STEEPEST)
+    # a level piece before the first node and another behind the last
+    first = nodes[0] - _LEVEL * ball_radius
+    last = nodes[-1] + _LEVEL * ball_radius
     return Track(
-        np.concatenate([[first], nodes, [last]]),
-        np.pad(path.height, 1, "edge"),
-        np.pad(right[:-1], 1),
-        np.pad(left[1:], 1),
-        numbers + 1,
-        ball_radius,
+        x=np.concatenate([[first], nodes, [last]]),
+        z=np.pad(path.height, 1, "edge"),
+        slope_start=np.pad(right[:-1], 1),
+        slope_end=np.pad(left[1:], 1),
+        kinks=numbers + 1,
+        ball_radius=ball_radius,
     )
 
 
@@ -315,7 +339,8 @@ def _choose_grid(x: Array, ball_radius: float) -> Array:
 
     The ball meets the first point a radius before it, and leaves the last one as far behind.
     """
-    first, last = float(x.min()) - ball_radius, float(x.max()) + ball_radius
+    first = float(x.min()) - ball_radius
+    last = float(x.max()) + ball_radius
     count = math.ceil((last - first) / (_GRID * ball_radius))
     if count > _MOST_NODES:
         raise ContactError(
@@ -334,8 +359,10 @@ def _choose_nodes(grid: Array, kinks: "_Notches", room: float, ball_radius: floa
     is_crowded = np.append(is_close, False) | np.append(False, is_close)
     is_foot = kinks.before < -math.atan(_STEEPEST)
     feet = np.append(kinks.position[is_foot], math.inf)
-    is_crowded |= feet[np.searchsorted(feet, nodes, "right")] - nodes < _WALL * ball_radius
-    return np.asarray(nodes[~is_crowded | np.isin(nodes, kinks.position)])
+    next_foot = feet[np.searchsorted(feet, nodes, "right")]
+    is_crowded |= next_foot - nodes < _WALL * ball_radius
+    is_at_kink = np.isin(nodes, kinks.position)
+    return np.asarray(nodes[~is_crowded | is_at_kink])
 
 
 class _Notches(NamedTuple):
@@ -362,8 +389,10 @@ def _find_notches(x: Array, z: Array, path: TipPath) -> _Notches:
         halved = build_profile_path(x, z, path.ball_radius, positions=middle)
         angle = np.arctan(halved.slope)
         is_left = angle - before > behind - angle
-        low, before = np.where(is_left, low, middle), np.where(is_left, before, angle)
-        high, behind = np.where(is_left, middle, high), np.where(is_left, angle, behind)
+        low = np.where(is_left, low, middle)
+        before = np.where(is_left, before, angle)
+        high = np.where(is_left, middle, high)
+        behind = np.where(is_left, angle, behind)
     return _Notches(high, before, behind)
 
 
