@@ -62,7 +62,8 @@ class BenchDesign:
     def block_membership(self) -> tuple[tuple[str, ...], NDArray[np.intp]]:
         """Names of the blocks' height errors, and which of them each trial has."""
         blocks, inverse = np.unique(self.block, return_inverse=True)
-        return tuple(map(format_height_name, blocks.tolist())), inverse
+        names = tuple(map(format_height_name, blocks.tolist()))
+        return names, inverse
 
     @cached_property
     def friction_shape(self) -> tuple[Floats, Floats]:
@@ -74,7 +75,8 @@ class BenchDesign:
         compute = np.vectorize(law.coefficient, otypes=[float])
         sliding = compute(self.speed, self.load, 0.0, 0.0)
         at_rest = compute(0.0, self.load, 0.0, 0.0)
-        return sliding / law.coefficient(0.0, 1.0, 0.0, 0.0), at_rest / sliding
+        under_one_newton = law.coefficient(0.0, 1.0, 0.0, 0.0)
+        return sliding / under_one_newton, at_rest / sliding
 
     @cached_property
     def indentation(self) -> tuple[Floats, Floats] | None:
@@ -115,7 +117,9 @@ def parse_tip_radius_um(tip: str, default: float) -> float:
     `default` where the name has no number.
     """
     match = re.fullmatch(r"tip-(\d+(?:\.\d+)?)(?:um)?", str(tip).strip())
-    return float(match.group(1)) if match else default
+    if match is None:
+        return default
+    return float(match.group(1))
 
 
 def read_tip_radii(tips: Iterable[str], declared_um: float, place: str = "") -> NDArray[np.float64]:
@@ -159,16 +163,19 @@ def list_constants(
     tuple of Parameter
         Five constants of the bench, and the height error of each block.
     """
-    frequency, decay_time = float(np.log(tool.frequency)), float(np.log(tool.decay_time))
+    ln_conversion = float(np.log(tool.conversion))
+    ln_frequency = float(np.log(tool.frequency))
+    ln_decay_time = float(np.log(tool.decay_time))
     constants = [
         Parameter("friction", "1", PAPER.friction, 0.005, 0.9, 0.02),
-        Parameter("ln_conversion", "1", float(np.log(tool.conversion)), -9.0, 4.0, 0.1),
+        Parameter("ln_conversion", "1", ln_conversion, -9.0, 4.0, 0.1),
         Parameter("stiffness_ratio", "1", 1.0, 0.2, 5.0, 0.02),
-        Parameter("ln_ring_frequency", "ln Hz", frequency, 3.0, 9.0, 0.01),
-        Parameter("ln_decay_time", "ln s", decay_time, -9.0, 1.0, 0.05),
+        Parameter("ln_ring_frequency", "ln Hz", ln_frequency, 3.0, 9.0, 0.01),
+        Parameter("ln_decay_time", "ln s", ln_decay_time, -9.0, 1.0, 0.05),
     ]
     for block in np.unique(design.block).tolist():
-        nominal = float(design.height[design.block == block][0])
+        is_of_block = design.block == block
+        nominal = float(design.height[is_of_block][0])
         height, spread = (scanned or {}).get(block, (nominal, height_std))
         reach = min(_HEIGHT_REACH * height_std, _MOST_OF_STEP * nominal)
         constants.append(_make_height_constant(block, height - nominal, reach, spread))
@@ -181,11 +188,11 @@ def _make_height_constant(block: str, start: float, reach: float, spread: float)
         format_height_name(block),
         "m",
         start,
-        start - reach,
-        start + reach,
-        _HEIGHT_SCALE,
-        max(spread, _LEAST_HEIGHT_STD),
-        block,
+        low=start - reach,
+        high=start + reach,
+        scale=_HEIGHT_SCALE,
+        prior_std=max(spread, _LEAST_HEIGHT_STD),
+        block=block,
     )
 
 
@@ -207,12 +214,15 @@ def build_nominal_state(design: BenchDesign, values: Mapping[str, float | Floats
     errors = np.array([values.get(name, 0.0) for name in names])
     unity = np.ones(len(design.block))
     sliding, at_release = design.friction_shape
+    spring_constant = design.spring_constant
     frequency = np.exp(values["ln_ring_frequency"]) * unity
     decay_time = np.exp(values["ln_decay_time"]) * unity
     load_error = values.get("load_error", 0.0) * unity
     # while the tip is held and the handle goes on, the tool's damper 2 k / (omega^2 T) takes its
     # share of the pull
-    damper = 2.0 * design.spring_constant / ((2.0 * np.pi * frequency) ** 2 * decay_time)
+    omega = 2.0 * np.pi * frequency
+    damper = 2.0 * spring_constant / (omega**2 * decay_time)
+    damper_share = values.get("damper_share", 0.0)
     state = _build_empty_state(len(design.block)).changed(
         height=design.height + errors[inverse],
         radius=design.tip_radius + values.get("edge_radius", 0.0),
@@ -220,18 +230,18 @@ def build_nominal_state(design: BenchDesign, values: Mapping[str, float | Floats
         load=design.load + load_error,
         set_load=design.load,
         speed=design.speed,
-        stiffness=design.spring_constant * values["stiffness_ratio"] * unity,
-        ring_stiffness=design.spring_constant * unity,
+        stiffness=spring_constant * values["stiffness_ratio"] * unity,
+        ring_stiffness=spring_constant * unity,
         conversion=np.exp(values["ln_conversion"]) * unity,
         edge_factor=at_release,
         damping=unity,
         gain=unity,
         normal_gain=unity,
         sensed_offset=load_error,
-        climb_drag=-values.get("damper_share", 0.0) * damper * design.speed,
+        climb_drag=-damper_share * damper * design.speed,
         frequency=frequency,
         decay_time=decay_time,
-        nominal_stiffness=design.spring_constant,
+        nominal_stiffness=spring_constant,
     )
     if design.indentation is None:
         return state
@@ -247,10 +257,11 @@ def build_extended_state(
     Release after contact, what follows the peak when it is known.
     """
     state = build_nominal_state(design, values)
-    for law, law_values in sorted(
-        active, key=lambda effect: _rank_in_order_of_application(effect[0])
-    ):
-        column = select_covariate(design, state, law.covariate) if law.given else None
+    in_order = sorted(active, key=lambda effect: _rank_in_order_of_application(effect[0]))
+    for law, law_values in in_order:
+        column = None
+        if law.given:
+            column = select_covariate(design, state, law.covariate)
         state = law.apply(state, column, law_values)
     return state
 
@@ -263,7 +274,9 @@ def _rank_in_order_of_application(law: Law) -> tuple[bool, bool]:
 
 def list_covariate_columns(covariate: str) -> tuple[str, ...]:
     """Columns of the table of trials that an effect over a covariate needs."""
-    return () if covariate in _COMPUTED else tuple(covariate.split(TOGETHER))
+    if covariate in _COMPUTED:
+        return ()
+    return tuple(covariate.split(TOGETHER))
 
 
 def select_covariate(
@@ -290,12 +303,16 @@ def compute_responses(state: DragState) -> Floats:
     These three scatter among trials; the shape is (n, 7, 3).
     """
     base = compute_channels(state)
-    step = _RESPONSE_STEP
-    weight = state.set_load + state.sensed_offset
-    of_friction = state.changed(friction=state.friction * (1.0 + step))
-    of_load = state.changed(
-        load=state.load * (1.0 + step), sensed_offset=state.sensed_offset + step * weight
+    growth = 1.0 + _RESPONSE_STEP
+    sensed = state.set_load + state.sensed_offset
+    sensed_offset = state.sensed_offset + _RESPONSE_STEP * sensed
+    shifted = (
+        state.changed(friction=state.friction * growth),
+        state.changed(load=state.load * growth, sensed_offset=sensed_offset),
+        state.changed(conversion=state.conversion * growth),
     )
-    of_conversion = state.changed(conversion=state.conversion * (1.0 + step))
-    shifted = (of_friction, of_load, of_conversion)
-    return np.stack([(compute_channels(changed) - base) / step for changed in shifted], axis=2)
+    responses = []
+    for changed in shifted:
+        change = compute_channels(changed) - base
+        responses.append(change / _RESPONSE_STEP)
+    return np.stack(responses, axis=2)

@@ -86,9 +86,11 @@ class DragState:
 
     def _compute_open_angle(self) -> Floats:
         """Slope of the path at release plus angle of friction [rad], whether locked or not."""
-        step = np.minimum(np.maximum(self.height / self.radius, _LOWEST_STEP), _HIGHEST_STEP)
+        ratio = self.height / self.radius
+        step = np.minimum(np.maximum(ratio, _LOWEST_STEP), _HIGHEST_STEP)
+        step_angle = kernels.compute_angle_on_step(step, 1.0)
         friction_angle = np.arctan(self.friction * self.edge_factor)
-        return np.asarray(kernels.compute_angle_on_step(step, 1.0) + (self.tilt + friction_angle))
+        return np.asarray(step_angle + (self.tilt + friction_angle))
 
     def compute_angle(self) -> Floats:
         """Slope of the path at release plus angle of friction [rad], held below locking."""
@@ -97,19 +99,22 @@ class DragState:
     def find_locked(self) -> NDArray[np.bool_]:
         """Where the tip never climbs."""
         is_steep = self._compute_open_angle() >= 0.5 * np.pi
-        return np.asarray(is_steep | (self.height >= self.radius))
+        is_riser = self.height >= self.radius
+        return np.asarray(is_steep | is_riser)
 
     def compute_peak_force(self) -> Floats:
         """Tangential force on the tool at release [N]; equation (1)."""
         lifted = np.maximum(self.load + self.climb_load, _LEAST_LOAD)
         # the friction is in the angle, and held below locking with it
         climb = kernels.compute_pull_force(lifted, self.compute_angle(), 0.0)
-        return np.asarray(np.maximum(climb + self.drag + self.climb_drag, _LEAST_FORCE))
+        pull = climb + self.drag + self.climb_drag
+        return np.asarray(np.maximum(pull, _LEAST_FORCE))
 
     def compute_sliding_force(self) -> Floats:
         """Tangential force on the tool before the edge [N]."""
         load = np.maximum(self.load, _LEAST_LOAD)
-        return np.asarray(kernels.compute_pull_force(load, self.tilt, self.friction) + self.drag)
+        sliding = kernels.compute_pull_force(load, self.tilt, self.friction)
+        return np.asarray(sliding + self.drag)
 
     def changed(self, **slots: object) -> "DragState":
         """Return a copy with some slots changed.
@@ -143,7 +148,8 @@ def press_edge(state: DragState, depth: float | Floats, power: float | Floats) -
 
 def compute_channels(state: DragState) -> Floats:
     """Show the `CHANNELS` of n trials, shape (n, 7)."""
-    force, sliding = state.compute_peak_force(), state.compute_sliding_force()
+    force = state.compute_peak_force()
+    sliding = state.compute_sliding_force()
     spring = _compute_spring(state, force, sliding)
     energy = _lose_energy(state, state.conversion * spring.stored)
     # an amplitude of force counts as A^2 / 2k with the nominal k, whatever k it rings with: a
@@ -202,9 +208,11 @@ def _lag_behind(state: DragState, shown: _Shown) -> _Shown:
     slope = state.stiffness * state.speed
     late = np.maximum(state.lag, _LEAST_LAG)
     ramp_time = np.maximum(shown.peak - shown.sliding, 0.0) / slope
-    share_seen = 1.0 - np.exp(-np.minimum(ramp_time / late, _MOST_RAMP))
+    time_constants = np.minimum(ramp_time / late, _MOST_RAMP)
+    share_seen = 1.0 - np.exp(-time_constants)
     peak = np.maximum(shown.peak - slope * late * share_seen, _LEAST_FORCE)
-    energy = shown.energy / (1.0 + (2.0 * np.pi * state.frequency * late) ** 2)
+    phase = 2.0 * np.pi * state.frequency * late
+    energy = shown.energy / (1.0 + phase**2)
     return shown._replace(peak=peak, energy=energy)
 
 
@@ -218,12 +226,18 @@ def _bend_gauge(state: DragState, shown: _Shown, force: Floats, loop: Floats) ->
     sliding = shown.sliding
     end = sliding + _LINE_SHARE * (force - sliding)
     swing = 1.0 + 2.0 * state.gauge_square * sliding + _LOOP_AT_RELEASE * loop
+    mean_slope = 1.0 + bend * (sliding + end)
     return _Shown(
         energy=shown.energy * swing**2,
-        peak=shown.peak * (1.0 + bend * shown.peak),
-        sliding=sliding * (1.0 + bend * sliding),
-        ramp=shown.ramp * (1.0 + bend * (sliding + end)),
+        peak=_bend_force(shown.peak, bend),
+        sliding=_bend_force(sliding, bend),
+        ramp=shown.ramp * mean_slope,
     )
+
+
+def _bend_force(force: Floats, bend: Floats) -> Floats:
+    """Show a force [N] that rises for the first time, by a gauge that bends it [1/N]."""
+    return force * (1.0 + bend * force)
 
 
 def _read_instrument(
@@ -235,7 +249,7 @@ def _read_instrument(
     """
     pressed = np.maximum(state.set_load + state.sensed_offset, _LEAST_LOAD)
     normal = pressed + state.normal_cross_talk * sliding
-    normal = normal * (1.0 + state.normal_square * normal)
+    normal = _bend_force(normal, state.normal_square)
     sensed = np.maximum(state.normal_gain * normal + state.normal_zero, _LEAST_LOAD)
     beside = state.zero + state.cross_talk * pressed
     energy = np.maximum(state.gain**2 * shown.energy, _LEAST_ENERGY)
@@ -284,4 +298,5 @@ def _compute_spring(state: DragState, force: Floats, sliding: Floats) -> _Spring
     slope = 1.0 + cubic * (3.0 * middle**2 + 0.6 * half**2)
     level = 1.0 + 3.0 * cubic * low**2
     linear = kernels.compute_stored_energy(top, state.stiffness)
-    return _Spring(linear + 0.25 * cubic * top**4 / state.stiffness, slope, level, level)
+    quartic = 0.25 * cubic * top**4 / state.stiffness
+    return _Spring(linear + quartic, slope, level, pitch=level)

@@ -27,7 +27,8 @@ def _follow_temperature(
     state: DragState, celsius: Floats, values: Mapping[str, float]
 ) -> DragState:
     """Let the share follow the temperature [C]."""
-    factor = np.exp(values["rate_per_k"] * (celsius - ROOM_TEMPERATURE))
+    warmth = celsius - ROOM_TEMPERATURE
+    factor = np.exp(values["rate_per_k"] * warmth)
     return state.changed(conversion=state.conversion * factor)
 
 
@@ -44,25 +45,26 @@ def _move_tip(state: DragState, _: object, values: Mapping[str, float]) -> DragS
     omega = 2.0 * np.pi * state.frequency
     momentum = state.stiffness / omega
     excess, share = compute_release(
-        state.height / state.radius,
-        state.friction,
-        state.stiffness * state.radius / load,
-        state.speed * momentum / load,
-        state.damping / (omega * state.decay_time),
-        np.maximum(state.hardening, 0.0) * load**2,
+        height=state.height / state.radius,
+        friction=state.friction,
+        stiffness=state.stiffness * state.radius / load,
+        speed=state.speed * momentum / load,
+        damping=state.damping / (omega * state.decay_time),
+        cubic=np.maximum(state.hardening, 0.0) * load**2,
     )
+    added = load * np.expm1(weight * excess)
     change = share - np.log(PAPER.tool.conversion)
-    return state.changed(
-        climb_load=state.climb_load + load * np.expm1(weight * excess),
-        conversion=state.conversion * np.exp(weight * change),
-    )
+    factor = np.exp(weight * change)
+    return state.changed(climb_load=state.climb_load + added, conversion=state.conversion * factor)
 
 
 def _spend_work(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
     """Take the work of lifting the tip and rubbing over the step off the ring."""
-    reach = np.sqrt(np.maximum(state.height * (2.0 * state.radius - state.height), 0.0))
+    square = state.height * (2.0 * state.radius - state.height)
+    reach = np.sqrt(np.maximum(square, 0.0))
     work = state.load * (state.height + state.friction * reach)
-    return state.changed(lost_energy=state.lost_energy + values["share"] * work)
+    lost = values["share"] * work
+    return state.changed(lost_energy=state.lost_energy + lost)
 
 
 CONVERSION_LAWS: tuple[Law, ...] = (

@@ -43,24 +43,28 @@ def _change_on_edge(state: DragState, _: object, values: Mapping[str, float]) ->
 def _fall_with_speed(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
     """Let friction fall from rest to sliding, after Stribeck."""
     falling = np.exp(-state.speed / values["stribeck_speed_m_per_s"])
-    return state.changed(friction=state.friction * (1.0 + values["excess"] * falling))
+    factor = 1.0 + values["excess"] * falling
+    return state.changed(friction=state.friction * factor)
 
 
 def _follow_logarithm(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
     """Let friction follow the logarithm of the speed, as of dry contacts."""
-    factor = 1.0 + values["slope"] * np.log(state.speed / _SPEED)
-    return state.changed(friction=state.friction * np.maximum(factor, _LEAST_FACTOR))
+    logarithm = np.log(state.speed / _SPEED)
+    factor = np.maximum(1.0 + values["slope"] * logarithm, _LEAST_FACTOR)
+    return state.changed(friction=state.friction * factor)
 
 
 def _build_film(state: DragState, ratio: Floats, values: Mapping[str, float]) -> DragState:
     """Let a film that speed builds and load presses out carry the tip [ratio in mm/(N s)]."""
     falling = np.exp(-1e-3 * ratio / values["number"])
-    return state.changed(friction=state.friction * (1.0 + values["excess"] * falling))
+    factor = 1.0 + values["excess"] * falling
+    return state.changed(friction=state.friction * factor)
 
 
 def _thin_film(state: DragState, ratio: Floats, values: Mapping[str, float]) -> DragState:
     """Let friction follow a power of speed over load [ratio in mm/(N s)]."""
-    return state.changed(friction=state.friction * (0.1 * ratio) ** -values["exponent"])
+    factor = (0.1 * ratio) ** -values["exponent"]
+    return state.changed(friction=state.friction * factor)
 
 
 def _follow_previous_load(
@@ -73,8 +77,9 @@ def _follow_previous_load(
 
 def _settle(state: DragState, order: Floats, values: Mapping[str, float]) -> DragState:
     """Let friction settle over a number of trials."""
-    factor = 1.0 + values["excess"] * np.exp(-order / values["settling_trials"])
-    return state.changed(friction=state.friction * np.maximum(factor, _LEAST_FACTOR))
+    fading = np.exp(-order / values["settling_trials"])
+    factor = np.maximum(1.0 + values["excess"] * fading, _LEAST_FACTOR)
+    return state.changed(friction=state.friction * factor)
 
 
 def _make_settling_law(
@@ -92,13 +97,12 @@ def _make_settling_law(
     It settles over so many `trials`, and over `least` at least.
     """
     shapes = tuple({"settling_trials": trials * factor} for factor in (0.3, 0.8, 2.0, 8.0))
+    excess = Parameter("excess", "1", 0.0, -0.95, 20.0, 0.05)
+    duration = Parameter("settling_trials", "1", trials, least, 1000.0, 0.2 * trials)
     return _friction(
         name,
         form,
-        (
-            Parameter("excess", "1", 0.0, -0.95, 20.0, 0.05),
-            Parameter("settling_trials", "1", trials, least, 1000.0, 0.2 * trials),
-        ),
+        (excess, duration),
         _settle,
         covariate=covariate,
         shapes=shapes,

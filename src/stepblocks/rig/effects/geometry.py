@@ -20,12 +20,14 @@ def _round_edge(state: DragState, _: object, values: Mapping[str, float]) -> Dra
 
 def _wear_tip(state: DragState, order: Floats, values: Mapping[str, float]) -> DragState:
     """Let the radius of the tip grow with every trial."""
-    return state.changed(radius=state.radius + values["growth_m_per_trial"] * order)
+    growth = values["growth_m_per_trial"] * order
+    return state.changed(radius=state.radius + growth)
 
 
 def _polish_edge(state: DragState, passes: Floats, values: Mapping[str, float]) -> DragState:
     """Let the radius of an edge grow with every pass over its block."""
-    return state.changed(radius=state.radius + values["growth_m_per_pass"] * passes)
+    growth = values["growth_m_per_pass"] * passes
+    return state.changed(radius=state.radius + growth)
 
 
 def _change_tip_radius(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
@@ -93,8 +95,10 @@ def make_exchange_law(first: str, second: str) -> Law:
     """Make the effect of two blocks whose labels are exchanged throughout a session."""
 
     def exchange(state: DragState, blocks: Labels, values: Mapping[str, float]) -> DragState:
+        """Add the difference to the one block and take it off the other."""
         direction = (blocks == first).astype(np.float64) - (blocks == second)
-        return state.changed(height=state.height + values["difference_m"] * direction)
+        difference = values["difference_m"] * direction
+        return state.changed(height=state.height + difference)
 
     return _geometry(
         f"exchanged_blocks~{first}~{second}",

@@ -35,7 +35,9 @@ def offer_laws(file: str | Path) -> tuple[Law, ...]:
     """
     path = Path(file).resolve()
     # a file that was changed since is another one, also to workers, which begin with it
-    changed_ns = path.stat().st_mtime_ns if path.exists() else 0
+    changed_ns = 0
+    if path.exists():
+        changed_ns = path.stat().st_mtime_ns
     laws = _load_laws(path, changed_ns)
     os.environ[_OFFERED] = f"{changed_ns}:{path}"
     return laws
@@ -52,8 +54,10 @@ def _load_laws(path: Path, changed_ns: int) -> tuple[Law, ...]:
     # by their names or in lists; one that has a name and stands in a list is one
     laws: dict[int, Law] = {}
     for value in names.values():
-        values = value if isinstance(value, list | tuple) else [value]
-        for candidate in values:
+        candidates = [value]
+        if isinstance(value, list | tuple):
+            candidates = list(value)
+        for candidate in candidates:
             if isinstance(candidate, Law):
                 laws[id(candidate)] = candidate
     if not laws:

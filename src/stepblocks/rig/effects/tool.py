@@ -42,25 +42,26 @@ _LEAST_STIFFNESS = 0.1  # of the nominal, where a fit strays [1]
 
 def _harden(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
     """Let the spring harden, after Duffing."""
-    return state.changed(
-        hardening=state.hardening + values["cubic_per_n2"],
-        pitch_share=state.pitch_share + values["pitch_share"],
-    )
+    hardening = state.hardening + values["cubic_per_n2"]
+    pitch_share = state.pitch_share + values["pitch_share"]
+    return state.changed(hardening=hardening, pitch_share=pitch_share)
 
 
 def _compute_softening(celsius: Floats, values: Mapping[str, float]) -> Floats:
     """Stiffness of a warm spring over that at room temperature [1]."""
     warmth = celsius - ROOM_TEMPERATURE
-    return np.asarray(np.maximum(1.0 - values["softening_per_k"] * warmth, _LEAST_STIFFNESS))
+    share = 1.0 - values["softening_per_k"] * warmth
+    return np.asarray(np.maximum(share, _LEAST_STIFFNESS))
 
 
 def _soften(state: DragState, celsius: Floats, values: Mapping[str, float]) -> DragState:
     """Let the spring soften as it warms, and its rate of decay with a power of its stiffness."""
     factor = _compute_softening(celsius, values)
+    damping_factor = factor ** values["damping_power"]
     return state.changed(
         stiffness=state.stiffness * factor,
         ring_stiffness=state.ring_stiffness * factor,
-        damping=state.damping * factor ** values["damping_power"],
+        damping=state.damping * damping_factor,
     )
 
 
@@ -94,7 +95,8 @@ def _rub_pivot_steadily(state: DragState, _: object, values: Mapping[str, float]
 
 def _drag_always(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
     """Let a viscous drag act at any time."""
-    return state.changed(drag=state.drag + values["coefficient_n_s_per_m"] * state.speed)
+    viscous = values["coefficient_n_s_per_m"] * state.speed
+    return state.changed(drag=state.drag + viscous)
 
 
 def _drag_while_climbing(state: DragState, _: object, values: Mapping[str, float]) -> DragState:

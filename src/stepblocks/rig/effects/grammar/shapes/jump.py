@@ -49,7 +49,8 @@ def make_step_size(covariate: CovariateRange, sizes: Names, places: Names) -> Si
     def step(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
         numbers = np.asarray(column, dtype=np.float64)
         past = numbers[:, None] - take_values(values, places)
-        rises = np.diff(take_values(values, sizes), prepend=0.0)
+        levels = take_values(values, sizes)
+        rises = np.diff(levels, prepend=0.0)
         way = np.clip(past / width + 0.5, 0.0, 1.0)
         passed = way**2 * (3.0 - 2.0 * way)
         return np.asarray(passed @ rises)
@@ -90,7 +91,8 @@ def _make_jump(slot: str, covariate: CovariateRange) -> Law:
     words = ""
     if covariate.name != RUN:
         words = f"a {covariate.name.replace('_', ' ')} of "
-    change = SizedChange(move.change, make_step_size(covariate, (size.name,), (place.name,)))
+    step = make_step_size(covariate, (size.name,), (place.name,))
+    change = SizedChange(move.change, step)
     description = f"{move.words} changes at once: by {{}} in ln, from {words}{{}} on"
     return Law(
         f"step_{slot}_{covariate.name}",
@@ -114,11 +116,12 @@ def _make_chip(covariate: CovariateRange) -> Law:
     size = Parameter("radius_step_m", "m", 0.0, -1e-4, 3e-4, 3e-6)
     shares = np.arange(0.5, STEP_SHAPES)[:, None] / STEP_SHAPES
     step = make_step_size(covariate, (size.name,), (place.name,))
+    change = SizedChange(make_shift("radius", by=1.0), step)
     return Law(
         "tip_chip",
         f"R + w from one value of {covariate.name} on",
         (size, place),
-        SizedChange(make_shift("radius", by=1.0), step),
+        change,
         SLOT_MOVES["radius"].slot,
         covariate.name,
         list_step_shapes(covariate, (place.name,), shares),
@@ -136,12 +139,16 @@ def _make_levels(slot: str, covariate: CovariateRange, levels: int) -> Law:
     parameters: list[Parameter] = []
     sizes, places = [], []
     for level in _LEVELS[: levels - 1]:
-        sizes.append(f"{size.name}[{level}]")
-        places.append(f"{place.name}[{level}]")
-        parameters += [replace(size, name=sizes[-1]), replace(place, name=places[-1])]
+        size_name = f"{size.name}[{level}]"
+        place_name = f"{place.name}[{level}]"
+        sizes.append(size_name)
+        places.append(place_name)
+        parameters.append(replace(size, name=size_name))
+        parameters.append(replace(place, name=place_name))
     # where a search begins
     shares = np.arange(1, levels)[None] / levels
-    change = SizedChange(move.change, make_step_size(covariate, tuple(sizes), tuple(places)))
+    step = make_step_size(covariate, tuple(sizes), tuple(places))
+    change = SizedChange(move.change, step)
     description = (
         f"{move.words} goes from level to level along the run, by ln above the first and from:"
     )

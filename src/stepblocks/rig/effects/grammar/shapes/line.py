@@ -33,7 +33,11 @@ def _make_line(slot: str, covariate: CovariateRange) -> Law:
     """Let a slot follow a covariate along a line, from -1 to 1 times the slope over its range."""
     move = SLOT_MOVES[slot]
     is_drift = covariate.name == RUN and slot in JUMPING_SLOTS
-    followed = f"ln {covariate.name}" if covariate.log else covariate.name
+    followed = covariate.name
+    if covariate.log:
+        followed = f"ln {covariate.name}"
+    slope = make_amplitude("slope")
+    change = SizedChange(move.change, follow_columns(covariate.build_line, (slope.name,)))
     shape = ""
     description = ""
     if is_drift:
@@ -50,8 +54,8 @@ def _make_line(slot: str, covariate: CovariateRange) -> Law:
     return Law(
         f"trend_{slot}_{covariate.name}",
         f"{move.form}, g a straight line over {followed}",
-        (make_amplitude("slope"),),
-        SizedChange(move.change, follow_columns(covariate.build_line, ("slope",))),
+        (slope,),
+        change,
         move.slot,
         covariate.name,
         named=is_drift,

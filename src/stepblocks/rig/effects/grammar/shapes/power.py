@@ -31,15 +31,18 @@ def _make_power(slot: str, covariate: CovariateRange) -> Law:
     middle = float(np.sqrt(covariate.low * covariate.high))
 
     def take_logarithm(column: NDArray[np.generic]) -> Floats:
-        inside = np.clip(np.asarray(column, dtype=np.float64), covariate.low, covariate.high)
-        return np.log(inside / middle)[:, None]
+        numbers = np.asarray(column, dtype=np.float64)
+        inside = np.clip(numbers, covariate.low, covariate.high)
+        logarithm = np.log(inside / middle)
+        return logarithm[:, None]
 
-    change = SizedChange(move.change, follow_columns(take_logarithm, ("exponent",)))
+    exponent = Parameter("exponent", "1", 0.0, -3.0, 3.0, 0.05)
+    change = SizedChange(move.change, follow_columns(take_logarithm, (exponent.name,)))
     description = f"{move.words} follows a power of the {name_covariate(covariate)}: exponent"
     return Law(
         f"trend_{slot}_{covariate.name}~power",
         f"{move.form}, g = p ln({covariate.name} / {middle:.3g})",
-        (Parameter("exponent", "1", 0.0, -3.0, 3.0, 0.05),),
+        (exponent,),
         change,
         move.slot,
         covariate.name,

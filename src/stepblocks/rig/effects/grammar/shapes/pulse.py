@@ -26,21 +26,24 @@ def list_pulses(slot: str, covariate: CovariateRange) -> list[Law]:
     return [_make_pulse(slot, covariate)]
 
 
+def _make_end(name: str, covariate: CovariateRange, share: float) -> Parameter:
+    """Make an end of a stretch anywhere along the run; a fit begins at a share of the run."""
+    reach = covariate.high - covariate.low
+    start = covariate.low + share * reach
+    return Parameter(name, "1", start, covariate.low, covariate.high, 0.02 * reach)
+
+
 def _make_pulse(slot: str, covariate: CovariateRange) -> Law:
     """Let a slot have another level from one trial to another."""
     move = SLOT_MOVES[slot]
-    reach = covariate.high - covariate.low
     rise = make_step_size(covariate, ("step", "back"), (_FROM, _UNTIL))
 
     def pulse(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
         return rise(column, {**values, "back": 0.0})
 
-    begin = Parameter(
-        _FROM, "1", covariate.low + 0.4 * reach, covariate.low, covariate.high, 0.02 * reach
-    )
-    end = Parameter(
-        _UNTIL, "1", covariate.low + 0.6 * reach, covariate.low, covariate.high, 0.02 * reach
-    )
+    size = Parameter("step", "1", 0.0, -3.0, 3.0, 0.1)
+    begin = _make_end(_FROM, covariate, 0.4)
+    end = _make_end(_UNTIL, covariate, 0.6)
     places = np.arange(0.5, _PLACES) / _PLACES
     stretches = np.array(list(combinations(places.tolist(), 2)))
     change = SizedChange(move.change, pulse)
@@ -48,7 +51,7 @@ def _make_pulse(slot: str, covariate: CovariateRange) -> Law:
     return Law(
         f"step_{slot}_{covariate.name}~pulse",
         f"{move.form}, g over a stretch of the run",
-        (Parameter("step", "1", 0.0, -3.0, 3.0, 0.1), begin, end),
+        (size, begin, end),
         change,
         move.slot,
         covariate.name,

@@ -28,8 +28,10 @@ def _make_reciprocal(slot: str, covariate: CovariateRange) -> Law:
     middle = float(np.sqrt(covariate.low * covariate.high))
 
     def invert(column: NDArray[np.generic]) -> Floats:
-        inside = np.clip(np.asarray(column, dtype=np.float64), covariate.low, covariate.high)
-        return (middle / inside - 1.0)[:, None]
+        numbers = np.asarray(column, dtype=np.float64)
+        inside = np.clip(numbers, covariate.low, covariate.high)
+        excess = middle / inside - 1.0
+        return excess[:, None]
 
     change = SizedChange(move.change, follow_columns(invert, ("share",)))
     description = (

@@ -31,28 +31,30 @@ def _make_settling(slot: str, covariate: CovariateRange) -> Law:
 
     def settle(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
         passed = np.asarray(column, dtype=np.float64) - covariate.low
-        return np.asarray(values["excess"] * np.exp(-passed / values["settling_trials"]))
+        fading = np.exp(-passed / values["settling_trials"])
+        return np.asarray(values["excess"] * fading)
 
     duration = Parameter(
         "settling_trials",
         "1",
-        _SHARES[1] * reach,
-        _LEAST_SHARE * reach,
-        _LARGEST_SHARE * reach,
-        0.02 * reach,
+        start=_SHARES[1] * reach,
+        low=_LEAST_SHARE * reach,
+        high=_LARGEST_SHARE * reach,
+        scale=0.02 * reach,
     )
     shapes = tuple({duration.name: share * reach} for share in _SHARES)
+    change = SizedChange(move.change, settle)
+    description = f"{move.words} settles along the run: excess at first {{}}, trials to settle {{}}"
     return Law(
         f"trend_{slot}_{covariate.name}~settling",
         f"{move.form}, g = s exp(-n / n0)",
         (make_amplitude("excess"), duration),
-        SizedChange(move.change, settle),
+        change,
         move.slot,
         covariate.name,
         shapes,
         named=False,
         rank=13,
-        description=f"{move.words} settles along the run: excess at first {{}}, trials to settle "
-        "{}",
+        description=description,
         shape="settling",
     )

@@ -42,11 +42,12 @@ def _make_smooth(slot: str, covariate: CovariateRange) -> Law:
     """Let a slot follow a covariate along a smooth; of blocks, have any level on each."""
     move = SLOT_MOVES[slot]
     names = tuple(f"g{number}" for number in range(1, covariate.smooth_column_count + 1))
+    change = SizedChange(move.change, follow_columns(covariate.build_basis, names))
     return Law(
         f"smooth_{slot}_{covariate.name}",
         f"{move.form}, g smooth over {covariate.name}",
         make_amplitudes(names),
-        SizedChange(move.change, follow_columns(covariate.build_basis, names)),
+        change,
         move.slot,
         covariate.name,
         named=False,

@@ -38,8 +38,11 @@ def _make_swing(slot: str, covariate: CovariateRange) -> Law:
     period = Parameter("period_trials", "1", 0.5 * reach, 0.8 * _SHORTEST_PERIOD, 0.75 * reach, 0.5)
 
     def swing(order: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
-        phase = 2.0 * np.pi * np.asarray(order, dtype=np.float64) / values["period_trials"]
-        return np.asarray(values["cosine"] * np.cos(phase) + values["sine"] * np.sin(phase))
+        numbers = np.asarray(order, dtype=np.float64)
+        phase = 2.0 * np.pi * numbers / values["period_trials"]
+        in_phase = values["cosine"] * np.cos(phase)
+        in_quadrature = values["sine"] * np.sin(phase)
+        return np.asarray(in_phase + in_quadrature)
 
     # half a turn over the whole run apart, so that a fit begins within its own valley
     most_turns = _MOST_TURNS_BESIDE
@@ -48,11 +51,13 @@ def _make_swing(slot: str, covariate: CovariateRange) -> Law:
     last_turn = min(int(2.0 * reach / _SHORTEST_PERIOD), most_turns)
     periods = 2.0 * reach / np.arange(3, last_turn + 1)
     shapes = tuple({period.name: duration} for duration in periods.tolist())
+    sine = replace(cosine, name="sine")
+    change = SizedChange(move.change, swing)
     return Law(
         f"periodic_{slot}_{covariate.name}",
         f"{move.form}, g = a cos(2 pi n / P) + b sin(2 pi n / P)",
-        (cosine, replace(cosine, name="sine"), period),
-        SizedChange(move.change, swing),
+        (cosine, sine, period),
+        change,
         move.slot,
         covariate.name,
         shapes,

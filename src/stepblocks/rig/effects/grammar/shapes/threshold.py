@@ -30,14 +30,10 @@ def list_thresholds(slot: str, covariate: CovariateRange) -> list[Law]:
 def _make_place(covariate: CovariateRange) -> Parameter:
     """Make the place from which, or up to which, a slot changes: within the inner range."""
     reach = covariate.high - covariate.low
-    return Parameter(
-        "at",
-        "1",
-        covariate.low + 0.5 * reach,
-        covariate.low + _EDGE * reach,
-        covariate.high - _EDGE * reach,
-        0.05 * reach,
-    )
+    middle = covariate.low + 0.5 * reach
+    lowest = covariate.low + _EDGE * reach
+    highest = covariate.high - _EDGE * reach
+    return Parameter("at", "1", middle, lowest, highest, 0.05 * reach)
 
 
 def _list_shapes(covariate: CovariateRange) -> tuple[dict[str, float], ...]:
@@ -53,8 +49,9 @@ def _make_threshold(slot: str, covariate: CovariateRange) -> Law:
 
     def rise(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
         place = values["at"]
-        inside = np.clip(np.asarray(column, dtype=np.float64), place, high)
-        return np.asarray(values["rise"] * (inside - place) / (high - place))
+        numbers = np.asarray(column, dtype=np.float64)
+        beyond = np.clip(numbers, place, high) - place
+        return np.asarray(values["rise"] * beyond / (high - place))
 
     change = SizedChange(move.change, rise)
     description = (
@@ -83,8 +80,9 @@ def _make_saturation(slot: str, covariate: CovariateRange) -> Law:
 
     def rise(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
         place = values["at"]
-        inside = np.clip(np.asarray(column, dtype=np.float64), low, place)
-        return np.asarray(values["rise"] * (inside - low) / (place - low))
+        numbers = np.asarray(column, dtype=np.float64)
+        passed = np.clip(numbers, low, place) - low
+        return np.asarray(values["rise"] * passed / (place - low))
 
     change = SizedChange(move.change, rise)
     description = (
