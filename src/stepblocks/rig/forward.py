@@ -305,14 +305,13 @@ def compute_responses(state: DragState) -> Floats:
     base = compute_channels(state)
     growth = 1.0 + _RESPONSE_STEP
     sensed = state.set_load + state.sensed_offset
-    sensed_offset = state.sensed_offset + _RESPONSE_STEP * sensed
-    shifted = (
-        state.changed(friction=state.friction * growth),
-        state.changed(load=state.load * growth, sensed_offset=sensed_offset),
-        state.changed(conversion=state.conversion * growth),
+    moved = (
+        state.scaled(friction=growth),
+        state.scaled(load=growth).shifted(sensed_offset=_RESPONSE_STEP * sensed),
+        state.scaled(conversion=growth),
     )
     responses = []
-    for changed in shifted:
+    for changed in moved:
         change = compute_channels(changed) - base
         responses.append(change / _RESPONSE_STEP)
     return np.stack(responses, axis=2)

@@ -126,6 +126,22 @@ class DragState:
         copy.__dict__.update(slots)
         return copy
 
+    def shifted(self, **amounts: float | Floats) -> "DragState":
+        """Return a copy with an amount added to some slots, each in its unit."""
+        copy = self.changed()
+        slots = copy.__dict__
+        for slot, amount in amounts.items():
+            slots[slot] = slots[slot] + amount  # not in place: the arrays are shared
+        return copy
+
+    def scaled(self, **factors: float | Floats) -> "DragState":
+        """Return a copy with some slots multiplied by a factor."""
+        copy = self.changed()
+        slots = copy.__dict__
+        for slot, factor in factors.items():
+            slots[slot] = slots[slot] * factor
+        return copy
+
 
 def press_edge(state: DragState, depth: float | Floats, power: float | Floats) -> DragState:
     """Let the edge press its way into the ball, or the block into what holds it.
@@ -143,7 +159,7 @@ def press_edge(state: DragState, depth: float | Floats, power: float | Floats) -
     # the edge will bear
     steepness = (1.0 + cosine**2) / (1.0 - cosine**2)
     give = steepness * power * depth * (0.5 * across) ** (power - 1.0)
-    return state.changed(height=height, give=state.give + give)
+    return state.changed(height=height).shifted(give=give)
 
 
 def compute_channels(state: DragState) -> Floats:

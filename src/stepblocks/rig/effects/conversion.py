@@ -20,7 +20,7 @@ _LEAST_LOAD = 1e-3  # where a fit strays [N]
 def _follow_speed(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
     """Let the share follow a power of the speed."""
     factor = (state.speed / _SPEED) ** values["exponent"]
-    return state.changed(conversion=state.conversion * factor)
+    return state.scaled(conversion=factor)
 
 
 def _follow_temperature(
@@ -29,7 +29,7 @@ def _follow_temperature(
     """Let the share follow the temperature [C]."""
     warmth = celsius - ROOM_TEMPERATURE
     factor = np.exp(values["rate_per_k"] * warmth)
-    return state.changed(conversion=state.conversion * factor)
+    return state.scaled(conversion=factor)
 
 
 def _move_tip(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
@@ -44,18 +44,16 @@ def _move_tip(state: DragState, _: object, values: Mapping[str, float]) -> DragS
     # k m = (k / omega)^2: the ring itself tells the mass that moves
     omega = 2.0 * np.pi * state.frequency
     momentum = state.stiffness / omega
-    excess, share = compute_release(
-        height=state.height / state.radius,
-        friction=state.friction,
-        stiffness=state.stiffness * state.radius / load,
-        speed=state.speed * momentum / load,
-        damping=state.damping / (omega * state.decay_time),
-        cubic=np.maximum(state.hardening, 0.0) * load**2,
-    )
+    step = state.height / state.radius
+    stiffness = state.stiffness * state.radius / load
+    speed = state.speed * momentum / load
+    damping_ratio = state.damping / (omega * state.decay_time)
+    cubic = np.maximum(state.hardening, 0.0) * load**2
+    excess, share = compute_release(step, state.friction, stiffness, speed, damping_ratio, cubic)
     added = load * np.expm1(weight * excess)
     change = share - np.log(PAPER.tool.conversion)
     factor = np.exp(weight * change)
-    return state.changed(climb_load=state.climb_load + added, conversion=state.conversion * factor)
+    return state.shifted(climb_load=added).scaled(conversion=factor)
 
 
 def _spend_work(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
@@ -64,7 +62,7 @@ def _spend_work(state: DragState, _: object, values: Mapping[str, float]) -> Dra
     reach = np.sqrt(np.maximum(square, 0.0))
     work = state.load * (state.height + state.friction * reach)
     lost = values["share"] * work
-    return state.changed(lost_energy=state.lost_energy + lost)
+    return state.shifted(lost_energy=lost)
 
 
 CONVERSION_LAWS: tuple[Law, ...] = (

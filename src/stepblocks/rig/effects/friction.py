@@ -26,45 +26,45 @@ _LEAST_FACTOR = 0.02  # on the coefficient, where a fit strays
 def _fall_with_load(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
     """Let friction follow a power of the load."""
     factor = (state.load / _LOAD) ** -values["exponent"]
-    return state.changed(friction=state.friction * factor)
+    return state.scaled(friction=factor)
 
 
 def _add_adhesion(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
     """Let adhesion press the tip on, so that friction adds a force that no load makes."""
     added = values["adhesion_n"] / np.maximum(state.load, _LEAST_LOAD)
-    return state.changed(friction=state.friction + added)
+    return state.shifted(friction=added)
 
 
 def _change_on_edge(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
     """Let an edge that is ground, coated or worn rub otherwise than the faces."""
-    return state.changed(edge_factor=state.edge_factor * values["edge_over_face"])
+    return state.scaled(edge_factor=values["edge_over_face"])
 
 
 def _fall_with_speed(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
     """Let friction fall from rest to sliding, after Stribeck."""
     falling = np.exp(-state.speed / values["stribeck_speed_m_per_s"])
     factor = 1.0 + values["excess"] * falling
-    return state.changed(friction=state.friction * factor)
+    return state.scaled(friction=factor)
 
 
 def _follow_logarithm(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
     """Let friction follow the logarithm of the speed, as of dry contacts."""
     logarithm = np.log(state.speed / _SPEED)
     factor = np.maximum(1.0 + values["slope"] * logarithm, _LEAST_FACTOR)
-    return state.changed(friction=state.friction * factor)
+    return state.scaled(friction=factor)
 
 
 def _build_film(state: DragState, ratio: Floats, values: Mapping[str, float]) -> DragState:
     """Let a film that speed builds and load presses out carry the tip [ratio in mm/(N s)]."""
     falling = np.exp(-1e-3 * ratio / values["number"])
     factor = 1.0 + values["excess"] * falling
-    return state.changed(friction=state.friction * factor)
+    return state.scaled(friction=factor)
 
 
 def _thin_film(state: DragState, ratio: Floats, values: Mapping[str, float]) -> DragState:
     """Let friction follow a power of speed over load [ratio in mm/(N s)]."""
     factor = (0.1 * ratio) ** -values["exponent"]
-    return state.changed(friction=state.friction * factor)
+    return state.scaled(friction=factor)
 
 
 def _follow_previous_load(
@@ -72,14 +72,14 @@ def _follow_previous_load(
 ) -> DragState:
     """Let friction follow the load of the trial before [N]."""
     factor = (before / _LOAD) ** values["exponent"]
-    return state.changed(friction=state.friction * factor)
+    return state.scaled(friction=factor)
 
 
 def _settle(state: DragState, order: Floats, values: Mapping[str, float]) -> DragState:
     """Let friction settle over a number of trials."""
     fading = np.exp(-order / values["settling_trials"])
     factor = np.maximum(1.0 + values["excess"] * fading, _LEAST_FACTOR)
-    return state.changed(friction=state.friction * factor)
+    return state.scaled(friction=factor)
 
 
 def _make_settling_law(

@@ -40,12 +40,9 @@ def apply_instrument_constants(
     state: DragState, _: object, values: Mapping[str, float | Floats]
 ) -> DragState:
     """Set whichever constants of the two gauges and of their clock are given."""
-    slots = {}
-    for slot, name in _SHIFTED.items():
-        slots[slot] = getattr(state, slot) + values.get(name, 0.0)
-    for slot, name in _SCALED.items():
-        slots[slot] = getattr(state, slot) * np.exp(values.get(name, 0.0))
-    return state.changed(**slots)
+    amounts = {slot: values.get(name, 0.0) for slot, name in _SHIFTED.items()}
+    factors = {slot: np.exp(values.get(name, 0.0)) for slot, name in _SCALED.items()}
+    return state.shifted(**amounts).scaled(**factors)
 
 
 _gauge = partial(Law, slot="sensor", apply=apply_instrument_constants)

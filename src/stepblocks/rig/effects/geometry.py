@@ -15,34 +15,34 @@ _HERTZ_POWER = 2.0 / 3.0  # of the load, which the depth of a ball on an edge fo
 
 def _round_edge(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
     """Round every edge by a radius."""
-    return state.changed(radius=state.radius + values["edge_radius_m"])
+    return state.shifted(radius=values["edge_radius_m"])
 
 
 def _wear_tip(state: DragState, order: Floats, values: Mapping[str, float]) -> DragState:
     """Let the radius of the tip grow with every trial."""
     growth = values["growth_m_per_trial"] * order
-    return state.changed(radius=state.radius + growth)
+    return state.shifted(radius=growth)
 
 
 def _polish_edge(state: DragState, passes: Floats, values: Mapping[str, float]) -> DragState:
     """Let the radius of an edge grow with every pass over its block."""
     growth = values["growth_m_per_pass"] * passes
-    return state.changed(radius=state.radius + growth)
+    return state.shifted(radius=growth)
 
 
 def _change_tip_radius(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
     """Let the tip have another radius than stated."""
-    return state.changed(radius=state.radius + values["radius_error_m"])
+    return state.shifted(radius=values["radius_error_m"])
 
 
 def _flatten_tip(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
     """Let the ball ride lower by the depth of a flat: every step stands higher by it."""
-    return state.changed(height=state.height + values["flat_depth_m"])
+    return state.shifted(height=values["flat_depth_m"])
 
 
 def _tilt_blocks(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
     """Tilt the blocks along the drag."""
-    return state.changed(tilt=state.tilt + values["tilt_rad"])
+    return state.shifted(tilt=values["tilt_rad"])
 
 
 def _indent_contact(
@@ -57,7 +57,7 @@ def _change_block_height(
 ) -> DragState:
     """Let one block have another height than stated."""
     error = values["height_error_m"] * (blocks == block)
-    return state.changed(height=state.height + error)
+    return state.shifted(height=error)
 
 
 def _make_indentation_law(variant: str, power: float, rank: int) -> Law:
@@ -98,7 +98,7 @@ def make_exchange_law(first: str, second: str) -> Law:
         """Add the difference to the one block and take it off the other."""
         direction = (blocks == first).astype(np.float64) - (blocks == second)
         difference = values["difference_m"] * direction
-        return state.changed(height=state.height + difference)
+        return state.shifted(height=difference)
 
     return _geometry(
         f"exchanged_blocks~{first}~{second}",

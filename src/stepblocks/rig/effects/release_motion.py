@@ -45,12 +45,19 @@ _NUMBERS = 19
 
 
 @njit(forceinline=True, error_model="numpy")
+def _select(condition: bool, if_so: float, otherwise: float) -> float:
+    """Choose one of two numbers that are both known, which is no branch to a processor."""
+    return if_so if condition else otherwise
+
+
+@njit(forceinline=True, error_model="numpy")
 def _land(friction: float, sine: float, ground: float, velocity: float, up: float) -> float:
     """Velocity along the drag of a tip that lands on its path and does not bounce.
 
     `sine` and `ground` are sine and cosine of the slope.
     """
-    lost = friction * max(velocity * sine - up * ground, 0.0)
+    into_path = max(velocity * sine - up * ground, 0.0)
+    lost = friction * into_path
     along = max(velocity * ground + up * sine - lost, 0.0)
     return along * ground
 
@@ -71,16 +78,22 @@ def _climb(
     """
     # by how much the pull exceeds what holds it ahead, and back: over cos^2 of the slope with
     # the angle of friction added, or taken off
-    rub, slip, lever = friction * ground, friction * sine, ground * give
+    rub = friction * ground
+    slip = friction * sine
+    lever = ground * give
     ahead = pull * (ground - slip) - (sine + rub)
     back = pull * (ground + slip) - (sine - rub)
     forward = ahead * lever + (sine + rub) * bend
     backward = back * lever + (sine - rub) * bend
-    loose = backward if back < 0.0 else forward if ahead > 0.0 else 0.0
-    gained = backward if velocity < 0.0 else forward if velocity > 0.0 else loose
+    # at rest it breaks loose to one side, or sticks
+    loose = _select(ahead > 0.0, forward, 0.0)
+    loose = _select(back < 0.0, backward, loose)
+    gained = _select(velocity > 0.0, forward, loose)
+    gained = _select(velocity < 0.0, backward, gained)
     climbed = velocity + gained * _STEP
     turned = loose * (_STEP + velocity / gained)
-    return turned if climbed * velocity < 0.0 else climbed
+    has_stopped = climbed * velocity < 0.0
+    return _select(has_stopped, turned, climbed)
 
 
 @njit(cache=True, error_model="numpy")
@@ -93,41 +106,61 @@ def _move_tips(s: Array) -> None:
     """
     n = _LANES
     for j in range(n):
-        friction, stiffness = s[_FRICTION * n + j], s[_STIFFNESS * n + j]
-        give, drive = s[_GIVE * n + j], s[_DRIVE * n + j]
-        reach, x, velocity = s[_REACH * n + j], s[_X * n + j], s[_VELOCITY * n + j]
-        y, up, is_aloft = s[_Y * n + j], s[_UP * n + j], s[_ALOFT * n + j] > 0.0
+        friction = s[_FRICTION * n + j]
+        stiffness = s[_STIFFNESS * n + j]
+        give = s[_GIVE * n + j]
+        drive = s[_DRIVE * n + j]
+        reach = s[_REACH * n + j]
+        x = s[_X * n + j]
+        velocity = s[_VELOCITY * n + j]
+        y = s[_Y * n + j]
+        up = s[_UP * n + j]
+        is_aloft = s[_ALOFT * n + j] > 0.0
+        # ---- where the tip is on the edge, and for what share of the step it still is
         left = max(reach - x, 0.0)
-        # the share of the step in which the tip is on the edge still
-        on = min(left / (velocity * _STEP), 1.0) if velocity > 0.0 else 1.0
+        share = min(left / (velocity * _STEP), 1.0)
+        share = _select(velocity > 0.0, share, 1.0)
         sine = min(left, 1.0)
         square = 1.0 - sine * sine
         ground = np.sqrt(square)
+        # ---- whether it flies, lands or leaves the path
         pull = s[_FORCE * n + j] + s[_DRAG * n + j] * (drive - velocity)
         flies = is_aloft & (y > ground)
+        lands = is_aloft & (y <= ground)
         landed = _land(friction, sine, ground, velocity, up)
-        velocity = landed if is_aloft & (y <= ground) else velocity
-        bend = on * velocity * velocity / square if left > 0.0 else 0.0
-        leaves = flies | (ground - stiffness * bend + sine * pull <= 0.0)
+        velocity = _select(lands, landed, velocity)
+        bend = _select(left > 0.0, share * velocity * velocity / square, 0.0)
+        pressed = ground - stiffness * bend + sine * pull
+        leaves = flies | (pressed <= 0.0)
+        # ---- its velocity, upwards and along the drag
         rising = (ground - s[_LAST * n + j]) * _STEPS_PER_RADIAN
-        up = (up if flies else rising) - _STEP * give
+        up = _select(flies, up, rising) - _STEP * give
         climbed = _climb(pull, friction, give, sine, ground, bend, velocity)
-        velocity = velocity + pull * give * _STEP if leaves else climbed
+        free = velocity + pull * give * _STEP
+        velocity = _select(leaves, free, climbed)
+        # ---- the drift, and the force then
         x += velocity * _STEP
         handle = s[_HANDLE * n + j] + drive * _STEP
         stretch = stiffness * (handle - x)
         force = stretch + s[_CUBIC * n + j] * stretch**3
+        # ---- whether the first swing is over: the force rises again below that of sliding
         lowest = s[_LOWEST_FORCE * n + j]
         swings = (x >= reach) | (force < friction)
-        past = (force > lowest) & ((lowest < friction) | (velocity <= drive))
-        s[_FORCE * n + j], s[_X * n + j] = force, x
-        s[_VELOCITY * n + j], s[_HANDLE * n + j] = velocity, handle
-        s[_Y * n + j] = (y if flies else ground) + up * _STEP
-        s[_UP * n + j], s[_LAST * n + j] = up, ground
-        s[_ALOFT * n + j] = 1.0 if leaves else 0.0
+        is_past = (force > lowest) & ((lowest < friction) | (velocity <= drive))
+        is_too_long = s[_STEPS * n + j] >= _MOST_STEPS
+        is_done = (swings & is_past) | is_too_long
+        height = _select(flies, y, ground)
+        s[_FORCE * n + j] = force
+        s[_X * n + j] = x
+        s[_VELOCITY * n + j] = velocity
+        s[_HANDLE * n + j] = handle
+        s[_Y * n + j] = height + up * _STEP
+        s[_UP * n + j] = up
+        s[_LAST * n + j] = ground
+        s[_ALOFT * n + j] = _select(leaves, 1.0, 0.0)
         s[_PEAK * n + j] = max(s[_PEAK * n + j], force)
-        s[_LOWEST_FORCE * n + j] = min(lowest, force) if swings else lowest
-        s[_DONE * n + j] = 1.0 if (swings & past) | (s[_STEPS * n + j] >= _MOST_STEPS) else 0.0
+        s[_LOWEST_FORCE * n + j] = _select(swings, min(lowest, force), lowest)
+        s[_DONE * n + j] = _select(is_done, 1.0, 0.0)
         s[_STEPS * n + j] += 1.0
 
 
@@ -160,13 +193,17 @@ def _integrate_climbs(cases: bytes) -> Array:
     case = _Cases(*np.frombuffer(cases).reshape(len(_Cases._fields), -1))
     edge = np.arccos(1.0 - case.height)
     friction = np.minimum(case.friction, np.tan(_STEEPEST - edge))
-    drive, drag = case.speed / case.stiffness, 2.0 * case.damping * case.stiffness
+    drive = case.speed / case.stiffness
+    drag = 2.0 * case.damping * case.stiffness
     breaking_loose = np.tan(edge + np.arctan(friction)) - drag * drive
     start = np.maximum(breaking_loose, _LEAST_SHARE)
     tips = np.zeros((len(edge), _NUMBERS))
-    tips[:, _FRICTION], tips[:, _STIFFNESS] = friction, case.stiffness
-    tips[:, _GIVE], tips[:, _DRIVE] = 1.0 / case.stiffness, drive
-    tips[:, _DRAG], tips[:, _CUBIC] = drag, case.cubic
+    tips[:, _FRICTION] = friction
+    tips[:, _STIFFNESS] = case.stiffness
+    tips[:, _GIVE] = 1.0 / case.stiffness
+    tips[:, _DRIVE] = drive
+    tips[:, _DRAG] = drag
+    tips[:, _CUBIC] = case.cubic
     tips[:, [_FORCE, _PEAK, _LOWEST_FORCE]] = start[:, None]
     tips[:, _HANDLE] = compute_softened_force(start, case.cubic) / case.stiffness
     tips[:, _LAST] = 1.0 - case.height
@@ -178,19 +215,22 @@ def _integrate_climbs(cases: bytes) -> Array:
     tips[slow] = moved
     peak, lowest = tips[:, _PEAK], tips[:, _LOWEST_FORCE]
     share = _compute_ring_share(case, friction, peak, lowest)
-    return np.stack([peak / start, np.where(lowest < friction, share, 0.0)])
+    ringing = np.where(lowest < friction, share, 0.0)
+    return np.stack([peak / start, ringing])
 
 
 def _compute_ring_share(case: "_Cases", friction: Array, peak: Array, lowest: Array) -> Array:
     """Energy of the first swing below sliding over that stored at the peak, undamped [1]."""
     forces = np.stack([friction, lowest, peak])
     level, low, top = compute_softened_force(forces, case.cubic)
+    quadratic = 0.5 * (low**2 - level**2)
     quartic = 0.25 * case.cubic * (low**4 - level**4)
-    swing = 0.5 * (low**2 - level**2) + quartic - friction * (low - level)
+    swing = quadratic + quartic - friction * (low - level)
     stored = 0.5 * top**2 + 0.25 * case.cubic * top**4
     # half a period of the damper lies between the swing above sliding, which counts, and the one
     # below
-    return np.asarray(swing / stored * np.exp(2.0 * np.pi * case.damping))
+    undamped = np.exp(2.0 * np.pi * case.damping)
+    return np.asarray(swing / stored * undamped)
 
 
 class _Cases(NamedTuple):

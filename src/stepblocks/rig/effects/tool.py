@@ -42,9 +42,7 @@ _LEAST_STIFFNESS = 0.1  # of the nominal, where a fit strays [1]
 
 def _harden(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
     """Let the spring harden, after Duffing."""
-    hardening = state.hardening + values["cubic_per_n2"]
-    pitch_share = state.pitch_share + values["pitch_share"]
-    return state.changed(hardening=hardening, pitch_share=pitch_share)
+    return state.shifted(hardening=values["cubic_per_n2"], pitch_share=values["pitch_share"])
 
 
 def _compute_softening(celsius: Floats, values: Mapping[str, float]) -> Floats:
@@ -58,51 +56,47 @@ def _soften(state: DragState, celsius: Floats, values: Mapping[str, float]) -> D
     """Let the spring soften as it warms, and its rate of decay with a power of its stiffness."""
     factor = _compute_softening(celsius, values)
     damping_factor = factor ** values["damping_power"]
-    return state.changed(
-        stiffness=state.stiffness * factor,
-        ring_stiffness=state.ring_stiffness * factor,
-        damping=state.damping * damping_factor,
-    )
+    return state.scaled(stiffness=factor, ring_stiffness=factor, damping=damping_factor)
 
 
 def _soften_ramp(state: DragState, celsius: Floats, values: Mapping[str, float]) -> DragState:
     """Let the spring soften as it warms, though its pitch does not."""
     factor = _compute_softening(celsius, values)
-    return state.changed(stiffness=state.stiffness * factor, conversion=state.conversion * factor)
+    return state.scaled(stiffness=factor, conversion=factor)
 
 
 def _add_load(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
     """Add a load that the normal gauge sees."""
     bias = values["load_bias_n"]
-    return state.changed(load=state.load + bias, sensed_offset=state.sensed_offset + bias)
+    return state.shifted(load=bias, sensed_offset=bias)
 
 
 def _add_unseen_load(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
     """Add a load that no gauge sees."""
-    return state.changed(load=state.load + values["load_bias_n"])
+    return state.shifted(load=values["load_bias_n"])
 
 
 def _rub_pivot(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
     """Let a pivot rub by a share of the load while the tip is lifted."""
     rubbed = values["pivot_share"] * state.set_load
-    return state.changed(climb_load=state.climb_load + rubbed)
+    return state.shifted(climb_load=rubbed)
 
 
 def _rub_pivot_steadily(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
     """Let a pivot rub by a constant force while the tip is lifted."""
-    return state.changed(climb_load=state.climb_load + values["pivot_force_n"])
+    return state.shifted(climb_load=values["pivot_force_n"])
 
 
 def _drag_always(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
     """Let a viscous drag act at any time."""
     viscous = values["coefficient_n_s_per_m"] * state.speed
-    return state.changed(drag=state.drag + viscous)
+    return state.shifted(drag=viscous)
 
 
 def _drag_while_climbing(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
     """Let a viscous drag act while the tip climbs."""
     viscous = values["coefficient_n_s_per_m"] * state.speed
-    return state.changed(climb_drag=state.climb_drag + viscous)
+    return state.shifted(climb_drag=viscous)
 
 
 TOOL_LAWS: tuple[Law, ...] = (
