@@ -31,6 +31,11 @@ def take_values(values: Mapping[str, float], names: Names) -> Floats:
     return np.array([values[name] for name in names])
 
 
+def read_numbers(column: NDArray[np.generic]) -> Floats:
+    """Read a column of the table of trials as numbers."""
+    return np.asarray(column, dtype=np.float64)
+
+
 def follow_columns(basis: Callable[[NDArray[np.generic]], Floats], names: Names) -> Size:
     """Size of a change that is a sum of columns, each by its amplitude.
 

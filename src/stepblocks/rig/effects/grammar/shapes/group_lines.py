@@ -35,7 +35,8 @@ def _make_group_lines(slot: str, covariate: CovariateRange) -> Law:
     slopes = [f"slope[{label}]" for label in groups.labels]
     levels = [f"level[{label}]" for label in groups.labels[1:]]
     names = (*slopes, *levels)
-    change = SizedChange(move.change, follow_columns(covariate.build_group_lines, names))
+    lines = follow_columns(covariate.build_group_lines, names)
+    change = SizedChange(move.change, lines)
     description = (
         f"{move.words} follows the {name_covariate(number)} along {curve} for each "
         f"{groups.name}, slopes, and levels above the first:"

@@ -8,7 +8,14 @@ from numpy.typing import NDArray
 
 from stepblocks.lawsearch.law import Law, Parameter, SizedChange
 from stepblocks.rig.effects.grammar.covariates import RUN, CovariateRange
-from stepblocks.rig.effects.grammar.parts import STEP_SHAPES, Names, Size, has_places, take_values
+from stepblocks.rig.effects.grammar.parts import (
+    STEP_SHAPES,
+    Names,
+    Size,
+    has_places,
+    read_numbers,
+    take_values,
+)
 from stepblocks.rig.effects.grammar.slots import (
     JUMPING_SLOTS,
     MAIN_SLOTS,
@@ -47,7 +54,7 @@ def make_step_size(covariate: CovariateRange, sizes: Names, places: Names) -> Si
     width = covariate.spacing
 
     def step(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
-        numbers = np.asarray(column, dtype=np.float64)
+        numbers = read_numbers(column)
         past = numbers[:, None] - take_values(values, places)
         levels = take_values(values, sizes)
         rises = np.diff(levels, prepend=0.0)

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from stepblocks.lawsearch.law import Law, Parameter, SizedChange
 from stepblocks.rig.effects.grammar.covariates import RUN, CovariateRange
-from stepblocks.rig.effects.grammar.parts import follow_columns, name_covariate
+from stepblocks.rig.effects.grammar.parts import follow_columns, name_covariate, read_numbers
 from stepblocks.rig.effects.grammar.slots import MAIN_SLOTS, SLOT_MOVES
 from stepblocks.rig.state import Floats
 
@@ -31,7 +31,7 @@ def _make_power(slot: str, covariate: CovariateRange) -> Law:
     middle = float(np.sqrt(covariate.low * covariate.high))
 
     def take_logarithm(column: NDArray[np.generic]) -> Floats:
-        numbers = np.asarray(column, dtype=np.float64)
+        numbers = read_numbers(column)
         inside = np.clip(numbers, covariate.low, covariate.high)
         logarithm = np.log(inside / middle)
         return logarithm[:, None]

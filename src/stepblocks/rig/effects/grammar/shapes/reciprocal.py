@@ -5,7 +5,12 @@ from numpy.typing import NDArray
 
 from stepblocks.lawsearch.law import Law, SizedChange
 from stepblocks.rig.effects.grammar.covariates import CovariateRange
-from stepblocks.rig.effects.grammar.parts import follow_columns, make_amplitude, name_covariate
+from stepblocks.rig.effects.grammar.parts import (
+    follow_columns,
+    make_amplitude,
+    name_covariate,
+    read_numbers,
+)
 from stepblocks.rig.effects.grammar.slots import MAIN_SLOTS, SLOT_MOVES
 from stepblocks.rig.state import Floats
 
@@ -28,7 +33,7 @@ def _make_reciprocal(slot: str, covariate: CovariateRange) -> Law:
     middle = float(np.sqrt(covariate.low * covariate.high))
 
     def invert(column: NDArray[np.generic]) -> Floats:
-        numbers = np.asarray(column, dtype=np.float64)
+        numbers = read_numbers(column)
         inside = np.clip(numbers, covariate.low, covariate.high)
         excess = middle / inside - 1.0
         return excess[:, None]

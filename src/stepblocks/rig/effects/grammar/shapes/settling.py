@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from stepblocks.lawsearch.law import Law, Parameter, SizedChange
 from stepblocks.rig.effects.grammar.covariates import RUN, CovariateRange
-from stepblocks.rig.effects.grammar.parts import has_places, make_amplitude
+from stepblocks.rig.effects.grammar.parts import has_places, make_amplitude, read_numbers
 from stepblocks.rig.effects.grammar.slots import MAIN_SLOTS, SLOT_MOVES
 from stepblocks.rig.state import Floats
 
@@ -30,7 +30,7 @@ def _make_settling(slot: str, covariate: CovariateRange) -> Law:
     reach = covariate.high - covariate.low
 
     def settle(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
-        passed = np.asarray(column, dtype=np.float64) - covariate.low
+        passed = read_numbers(column) - covariate.low
         fading = np.exp(-passed / values["settling_trials"])
         return np.asarray(values["excess"] * fading)
 

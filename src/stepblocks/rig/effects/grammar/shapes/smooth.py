@@ -18,11 +18,11 @@ def list_smooths(slot: str, covariate: CovariateRange) -> list[Law]:
 def _make_levels(slot: str, covariate: CovariateRange) -> Law:
     """Let a slot take a level for each label."""
     move = SLOT_MOVES[slot]
-    names = tuple(f"g[{label}]" for label in covariate.labels[1:])
+    reference, *further = covariate.labels
+    names = tuple(f"g[{label}]" for label in further)
     change = SizedChange(move.change, follow_columns(covariate.build_basis, names))
     description = (
-        f"{move.words} has a level for each {covariate.name}, by ln above that of "
-        f"{covariate.labels[0]}:"
+        f"{move.words} has a level for each {covariate.name}, by ln above that of {reference}:"
     )
     return Law(
         f"smooth_{slot}_{covariate.name}",

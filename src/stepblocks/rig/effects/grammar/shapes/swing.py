@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from stepblocks.lawsearch.law import Law, Parameter, SizedChange
 from stepblocks.rig.effects.grammar.covariates import RUN, CovariateRange
-from stepblocks.rig.effects.grammar.parts import has_places
+from stepblocks.rig.effects.grammar.parts import has_places, read_numbers
 from stepblocks.rig.effects.grammar.slots import JUMPING_SLOTS, SLOT_MOVES
 from stepblocks.rig.state import Floats
 
@@ -38,8 +38,7 @@ def _make_swing(slot: str, covariate: CovariateRange) -> Law:
     period = Parameter("period_trials", "1", 0.5 * reach, 0.8 * _SHORTEST_PERIOD, 0.75 * reach, 0.5)
 
     def swing(order: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
-        numbers = np.asarray(order, dtype=np.float64)
-        phase = 2.0 * np.pi * numbers / values["period_trials"]
+        phase = 2.0 * np.pi * read_numbers(order) / values["period_trials"]
         in_phase = values["cosine"] * np.cos(phase)
         in_quadrature = values["sine"] * np.sin(phase)
         return np.asarray(in_phase + in_quadrature)

@@ -12,6 +12,7 @@ from stepblocks.rig.effects.grammar.parts import (
     is_nearly_binary,
     make_amplitude,
     name_covariate,
+    read_numbers,
 )
 from stepblocks.rig.effects.grammar.slots import MAIN_SLOTS, SLOT_MOVES
 from stepblocks.rig.state import Floats
@@ -49,9 +50,10 @@ def _make_threshold(slot: str, covariate: CovariateRange) -> Law:
 
     def rise(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
         place = values["at"]
-        numbers = np.asarray(column, dtype=np.float64)
+        numbers = read_numbers(column)
         beyond = np.clip(numbers, place, high) - place
-        return np.asarray(values["rise"] * beyond / (high - place))
+        risen = values["rise"] * beyond / (high - place)
+        return np.asarray(risen)
 
     change = SizedChange(move.change, rise)
     description = (
@@ -80,9 +82,10 @@ def _make_saturation(slot: str, covariate: CovariateRange) -> Law:
 
     def rise(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
         place = values["at"]
-        numbers = np.asarray(column, dtype=np.float64)
+        numbers = read_numbers(column)
         passed = np.clip(numbers, low, place) - low
-        return np.asarray(values["rise"] * passed / (place - low))
+        risen = values["rise"] * passed / (place - low)
+        return np.asarray(risen)
 
     change = SizedChange(move.change, rise)
     description = (
