@@ -117,6 +117,18 @@ def test_untyped_limits_and_a_density_that_is_none_are_caught(block, tmp_path):
     assert any("must be AP242" in line for line in findings)
 
 
+def test_a_roughness_whose_unit_the_file_leaves_out_is_refused(block, tmp_path):
+    def leave_out_unit(text):
+        return re.sub(r"('Ra',LENGTH_MEASURE\([^)]*\)),#\d+\)", r"\1,$)", text)
+
+    assert check_part_step(block, STIMULI["step-010"]).findings == []
+    # a value without a unit is read as nan, which differs from no limit by more than is allowed
+    findings = falsified(block, tmp_path, leave_out_unit)
+    textures = check_step(tmp_path / "false.step").textures
+    assert {str(texture.roughness) for texture in textures} == {"nan"}
+    assert findings == ["surface texture: every working face must have Ra 0.1 um"]
+
+
 def test_a_missing_tolerance_is_caught(block, tmp_path):
     findings = falsified(
         block, tmp_path, lambda text: re.sub(r"#\d+ = FLATNESS_TOLERANCE[^;]*;", "", text, count=1)
