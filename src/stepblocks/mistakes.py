@@ -91,9 +91,9 @@ def _sort_by_place(mistakes: Sequence[Mistake], first: Sequence[str] = ()) -> li
 def _format_places(places: Sequence[str]) -> str:
     """Name the first of several places and say how many more there are."""
     first = places[0]
-    more = len(set(places) - {first})
-    if more:
-        return f"{first} and {more} more"
+    further = set(places) - {first}
+    if further:
+        return f"{first} and {len(further)} more"
     return first
 
 

@@ -211,4 +211,5 @@ def check_channels(channels: Mapping[str, DimensionedChannel], *, have_time: boo
             if channel.read_tare_duration(place) and not have_time:
                 raise BenchError(f"`{place}` has no time to take a tare from")
     if mistakes:
-        raise ValueError("\n".join(text for _, text in mistakes))
+        texts = [text for _, text in mistakes]
+        raise ValueError("\n".join(texts))

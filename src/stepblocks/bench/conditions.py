@@ -57,14 +57,10 @@ def read_conditions(session: Session) -> dict[str, Condition]:
     for part in ("block", "load", "speed"):
         sources[part] = find_column(getattr(columns, part).column, table.header, part)
     sources["height"], heights = find_heights(session, table.table, trials)
-    values = pd.DataFrame(
-        {
-            "block": [trial.block for trial in trials],
-            "load": [trial.load for trial in trials],
-            "height": heights,
-            "speed": [1e3 * trial.speed for trial in trials],
-        }
-    )
+    rows = []
+    for trial, height in zip(trials, heights, strict=True):
+        rows.append((trial.block, trial.load, height, 1e3 * trial.speed))
+    values = pd.DataFrame(rows, columns=["block", "load", "height", "speed"])
     usual = TrialColumns()
     conditions = {}
     for part, name in _NAMES.items():

@@ -131,6 +131,11 @@ def _check_tip_radii(session: Session, pilots: Sequence[Pilot]) -> None:
         read_tip_radii(labels, 1e6 * session.probe.tip_radius, f" [{session.table}]")
 
 
+def _explains_any(session: Session, pilots: Sequence[Pilot]) -> bool:
+    """Tell whether any of some corrected trials agrees with session.toml by itself."""
+    return any(_compare_with_declared(session, [pilot]).is_plausible() for pilot in pilots)
+
+
 def _find_slip(traces: Traces, pilots: Sequence[Pilot], measured: Sequence[Pilot]) -> Slip | None:
     """Find the slip without which the trials agree with session.toml.
 
@@ -143,13 +148,11 @@ def _find_slip(traces: Traces, pilots: Sequence[Pilot], measured: Sequence[Pilot
     for slip in Slip:
         if _is_spoken_against(slip, measured):
             continue
-        begin = _measure_corrected(traces.session, trials[:_TRIED_FIRST], read, slip.correct)
-        if not any(
-            _compare_with_declared(traces.session, [pilot]).is_plausible() for pilot in begin
-        ):
+        first = _measure_corrected(traces.session, trials[:_TRIED_FIRST], read, slip.correct)
+        if not _explains_any(traces.session, first):
             continue
-        rest = _measure_corrected(traces.session, trials[_TRIED_FIRST:], read, slip.correct)
-        corrected = begin + rest
+        later = _measure_corrected(traces.session, trials[_TRIED_FIRST:], read, slip.correct)
+        corrected = first + later
         if len(corrected) * 2 <= len(trials):
             continue
         if _compare_with_declared(traces.session, corrected).is_plausible():

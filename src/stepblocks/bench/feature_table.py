@@ -205,16 +205,14 @@ def _format_value(value: float | str) -> str:
 
 def build_frame(rows: Sequence[FeatureRow], covariates: Sequence[str]) -> pd.DataFrame:
     """Return a table of features, with the values that its file holds."""
-    leading = pd.DataFrame(
-        {
-            "status": [row.status.value for row in rows],
-            "reason": [escape_formula(row.reason) for row in rows],
-        }
-    )
+    statuses = [row.status.value for row in rows]
+    reasons = [escape_formula(row.reason) for row in rows]
+    leading = pd.DataFrame({"status": statuses, "reason": reasons})
     conditions = _build_conditions(rows, covariates)
     columns = {}
     for index, name in enumerate(FEATURE_COLUMNS):
-        columns[name] = pd.Series([_round_value(row.values[index]) for row in rows])
+        values = [_round_value(row.values[index]) for row in rows]
+        columns[name] = pd.Series(values)
     features = pd.DataFrame(columns)
     return pd.concat(
         [conditions.iloc[:, :1], leading, conditions.iloc[:, 1:], features], axis="columns"

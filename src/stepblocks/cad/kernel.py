@@ -166,8 +166,8 @@ def cut(body: Body, tools: Sequence[Body]) -> Body:
 
 def fuse(bodies: Sequence[Body]) -> Body:
     """Unite bodies that touch or overlap."""
-    first, *others = bodies
-    return _get_only_solid(first.fuse(*others).clean(), "a union")
+    first, *further = bodies
+    return _get_only_solid(first.fuse(*further).clean(), "a union")
 
 
 def _get_only_solid(shape: Body, operation: str) -> Body:

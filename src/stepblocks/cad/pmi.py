@@ -93,13 +93,13 @@ class PmiItem:
         Index of the solid.
     face : int
         Index of the face.
-    other : int or None
-        Second face of an edge; the longest where they meet in several.
+    second_face : int or None
+        Index of the second face of an edge; the longest where they meet in several.
     """
 
     body: int
     face: int
-    other: int | None = None
+    second_face: int | None = None
 
 
 @dataclass(frozen=True)
@@ -291,8 +291,8 @@ class _Document:
         """Return the label of a face or edge, which is added to the document where it is new."""
         body = self._bodies[item.body]
         shape = body.faces[item.face]
-        if item.other is not None:
-            shape = _find_common_edge(shape, body.faces[item.other])
+        if item.second_face is not None:
+            shape = _find_common_edge(shape, body.faces[item.second_face])
         label = self._shapes.AddSubShape(body.label, shape.wrapped)
         if label.IsNull():  # it has been added before
             label = TDF_Label()

@@ -57,9 +57,9 @@ def limit_this_process(seconds: float) -> None:
             resource.RLIMIT_CORE: 0,
             resource.RLIMIT_CPU: int(used.ru_utime + used.ru_stime + seconds) + 1,
         }
-        for kind, most in limits.items():
+        for kind, limit in limits.items():
             _, hard = resource.getrlimit(kind)
-            soft = most if hard == resource.RLIM_INFINITY else min(most, hard)
+            soft = limit if hard == resource.RLIM_INFINITY else min(limit, hard)
             resource.setrlimit(kind, (soft, hard))
 
 

@@ -104,9 +104,11 @@ def _add_polygon(corners: Sequence[str], content: _Content) -> None:
     indices = []
     normals = []
     for corner in corners:
-        vertex, _, rest = corner.partition("/")
+        vertex, _, texture_and_normal = corner.partition("/")
         indices.append(_find_index(vertex, len(content.vertices)))
-        normal = rest.rpartition("/")[2] if "/" in rest else ""
+        normal = ""
+        if "/" in texture_and_normal:
+            _, _, normal = texture_and_normal.rpartition("/")
         if normal:
             normals.append(content.normals[_find_index(normal, len(content.normals))])
     if len(indices) < _SPATIAL:

@@ -30,7 +30,12 @@ class Attempts(Generic[Item, Result]):
     @property
     def results(self) -> list[Result]:
         """Results alone, in the order of their items."""
-        return [success.result for success in self.evaluated]
+        return list_results(self.evaluated)
+
+
+def list_results(evaluated: Iterable[Evaluated[Item, Result]]) -> list[Result]:
+    """List the results of what was evaluated, without the items."""
+    return [success.result for success in evaluated]
 
 
 def evaluate_each(

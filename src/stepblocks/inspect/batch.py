@@ -122,7 +122,8 @@ def note_batches(
 def _list_copies(reports: Mapping[str, InspectionResult]) -> list[str]:
     """List the parts whose scan is that of an earlier one, by their serial numbers."""
     serials = list(reports)
-    copies = find_copies([report.digest for report in reports.values()])
+    digests = [report.digest for report in reports.values()]
+    copies = find_copies(digests)
     return [serials[place] for place in sorted(copies)]
 
 

@@ -268,6 +268,7 @@ def fit_face(x: Array, y: Array, height: Array, face: Mask) -> FaceForm:
     # not by eigenvectors, whose signs hang on the last bit: the draws would
     root = np.linalg.cholesky(fit.weights @ fit.weights.T).T * (mean.std * np.sqrt(count))
     mesh_x, mesh_y = np.meshgrid(x, y)
+    degree = max(term.total for term in powers)
     form = FaceForm(
         points=np.stack([mesh_x[used], mesh_y[used], height[used]], axis=1),
         grid=np.empty((0, 2)),
@@ -275,7 +276,7 @@ def fit_face(x: Array, y: Array, height: Array, face: Mask) -> FaceForm:
         solution=fit.solution,
         root=root,
         dof=mean.dof,
-        degree=max(term.total for term in powers),
+        degree=degree,
     )
     judged = _judge_on_grid(form, face, along_x, along_y, powers)
     if waves is None:

@@ -114,8 +114,11 @@ class MeasuredProfile:
         if len(self.features) <= len(places):
             return self
         begins = np.array([span.begin for span in self.spans])
-        chosen = sorted({int(np.argmin(abs(begins - place))) for place in places})
-        return replace(self, features=tuple(self.features[index] for index in chosen))
+        nearest = set()
+        for place in places:
+            nearest.add(int(np.argmin(abs(begins - place))))
+        kept = [self.features[index] for index in sorted(nearest)]
+        return replace(self, features=tuple(kept))
 
 
 def measure_profile(
@@ -389,7 +392,8 @@ def _check_level(x: Array, z: Array, levels: Levels, feature: Feature) -> None:
 def _check_points_beside(x: Array, z: Array, levels: Levels, feature: Feature) -> None:
     """Refuse a single step beside which half of the points of a face were left out."""
     # flanks that overlap may cross half of their heights in another order
-    ends = sorted([float(x[0]), *(edge.position for edge in levels.edges), float(x[-1])])
+    positions = [edge.position for edge in levels.edges]
+    ends = sorted([float(x[0]), *positions, float(x[-1])])
     place = ends.index(feature.begin)
     kept = np.histogram(x[levels.used], ends)[0][place - 1 : place + 1]
     seen = np.histogram(x[np.isfinite(z)], ends)[0][place - 1 : place + 1]
@@ -402,8 +406,11 @@ def _check_points_beside(x: Array, z: Array, levels: Levels, feature: Feature) -
 
 def _refuse_sawtooth(levels: Levels) -> None:
     """Refuse single steps in one direction that the slope between them takes back."""
-    steps = [feature for feature in levels.features if feature.is_single_step]
-    single = np.array([step.height.value for step in steps])
+    heights = []
+    for feature in levels.features:
+        if feature.is_single_step:
+            heights.append(feature.height.value)
+    single = np.array(heights)
     taken_back = 0.0
     if len(single) > 1:
         slope = float(levels.level[-1] - levels.level[0])

@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.attempts import Attempts, Evaluated, evaluate_each
+from stepblocks.inspect.attempts import Attempts, Evaluated, evaluate_each, list_results
 from stepblocks.inspect.budget import (
     Component,
     Instrument,
@@ -169,7 +169,7 @@ def _measure_by_rows(scan: ScannedProfile | HeightMap, asked: _Asked) -> Evaluat
         )
     attempts = Attempts(alike, crossings.refusals + measurements.refusals)
     kept = keep_profiles_that_agree(attempts, _compare_crossings(alike, kind), rows, notes)
-    profiles = [measurement.result for measurement in kept]
+    profiles = list_results(kept)
     spans = np.array([profile.spans for profile in profiles])
     is_single_step = not np.isfinite(spans).all()  # steps have neither width nor pitch
     if is_single_step:
@@ -211,7 +211,8 @@ def _check_few_agree(
 ) -> None:
     """Refuse many profiles of which no two of a few agree, before all are measured."""
     few = crossings[:: max(len(crossings) // _TRIED, 1)]
-    kinds = [profile.kind for profile in evaluate_each(measure, few).results]
+    measured = evaluate_each(measure, few).results
+    kinds = [profile.kind for profile in measured]
     most_alike = max(map(kinds.count, kinds), default=0)
     if len(few) >= _TRIED and most_alike < _LEAST_ALIKE:
         raise MetrologyError(f"{_RULE}, got less than {_LEAST_ALIKE} of {len(few)} alike")
@@ -251,7 +252,7 @@ def _select_usual_features(measurements: list[Measurement], kind: ProfileKind) -
 
 def _compare_crossings(measurements: list[Measurement], kind: ProfileKind) -> Crossings:
     """Return the heights and places of the features of profiles of a kind."""
-    profiles = [measurement.result for measurement in measurements]
+    profiles = list_results(measurements)
     shape = (len(profiles), kind.features)
     spans = np.array([profile.spans for profile in profiles]).reshape(*shape, 2)
     begins = spans[..., 0]
@@ -303,10 +304,11 @@ def _estimate_form(profiles: list[MeasuredProfile], index: int) -> float:
     features = [profile.features[index] for profile in profiles]
     variances = [measured.feature.height.std**2 for measured in features]
     noise = float(np.mean(variances)) / len(profiles)
-    ways = min(len(measured.changes) for measured in features)
+    changes_of_profiles = [measured.changes for measured in features]
     largest = 0.0
-    for way in range(ways):
-        mean = float(np.mean([measured.changes[way] for measured in features]))
+    # a profile that another evaluation refuses has fewer changes: the shortest list counts
+    for changes in zip(*changes_of_profiles, strict=False):
+        mean = float(np.mean(changes))
         largest = max(largest, mean**2)
     return float(np.sqrt(max(largest - 2.0 * noise, 0.0) / 3.0))
 

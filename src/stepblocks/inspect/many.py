@@ -218,7 +218,8 @@ def inspect_many(
     paths = [scans] if isinstance(scans, str | Path) else scans
     if stimulus is None and standard is not None:
         stimulus = "standard"
-    listed = list_scans([Path(path) for path in paths], stimulus, options.get("layout", UNDECLARED))
+    layout = options.get("layout", UNDECLARED)
+    listed = list_scans(list(map(Path, paths)), stimulus, layout)
     inspected = _inspect_each(listed, standard, options)
     readings = inspected.list_readings()
     if not readings:
@@ -238,9 +239,8 @@ def inspect_many(
         _VARIATION: split_sizes_by_unit(pd.DataFrame(averages.variation)),
     }
     if batches:
-        tables[_CAPABILITY] = split_sizes_by_unit(
-            pd.DataFrame([batch.make_row() for batch in batches])
-        )
+        rows = [batch.make_row() for batch in batches]
+        tables[_CAPABILITY] = split_sizes_by_unit(pd.DataFrame(rows))
     tables[_SCANS] = split_sizes_by_unit(table).drop(columns="measured")
     return ManyScans(
         tables=tables,
@@ -280,7 +280,8 @@ def _average_readings(table: Table, conditions: list[str]) -> _Averages:
     averages = _Averages()
     for (part, key), readings in table.groupby([PART, "characteristic"], sort=False):
         # what states its uncertainty counts before what does not
-        decidable = readings[[measured.is_decidable for measured in readings["measured"]]]
+        is_decidable = [measured.is_decidable for measured in readings["measured"]]
+        decidable = readings[is_decidable]
         if len(decidable):
             readings = decidable
         repeatability = estimate_repeatability(readings[["value", BLOCK, *conditions]])

@@ -242,7 +242,8 @@ def _estimate_by_bands(depths: Array, shares: Array, depth: float, known: Mask) 
     rows = np.flatnonzero(known)
     bands = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
     # a band that the map cuts to a sliver counts with its neighbour
-    least = 0.5 * float(np.median([shares[band].sum() for band in bands]))
+    shares_of_bands = [shares[band].sum() for band in bands]
+    least = 0.5 * float(np.median(shares_of_bands))
     if len(bands) > 1 and shares[bands[0]].sum() < least:
         bands[:2] = [np.concatenate(bands[:2])]
     if len(bands) > 1 and shares[bands[-1]].sum() < least:

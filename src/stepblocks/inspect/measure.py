@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stepblocks.inspect.attempts import evaluate_each, evaluate_if_possible
+from stepblocks.inspect.attempts import evaluate_each, evaluate_if_possible, list_results
 from stepblocks.inspect.budget import (
     Bound,
     Component,
@@ -55,10 +55,11 @@ def measure_margin(
     """
     sampled = sample_profiles(scan, options)
     attempts = evaluate_each(lambda row: fit_margin(row.position, row.height), sampled.rows)
-    openings = np.array([margin.opening.value for margin in attempts.results]).reshape(-1, 1)
+    opening_of_profiles = [margin.opening.value for margin in attempts.results]
+    openings = np.array(opening_of_profiles).reshape(-1, 1)
     crossings = Crossings(openings, 0.0 * openings, 0.0 * openings)
     kept = keep_profiles_that_agree(attempts, crossings, sampled.rows, sampled.notes)
-    margins = [success.result for success in kept]
+    margins = list_results(kept)
     sampling = float(np.mean([margin.sampling for margin in margins]))
     values = {}
     for key, discrepancy in _list_discrepancies(margins).items():

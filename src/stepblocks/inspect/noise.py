@@ -263,6 +263,12 @@ def _compute_dof(grid: "_LagGrid", product: Array, count: float, traces: "_Trace
     return max(dof * left, 1.0)
 
 
+def _list_lags(size: int) -> NDArray[np.int_]:
+    """List the lags of an autocorrelation of some length as FFT orders them, negative ones last."""
+    lags: NDArray[np.int_] = np.rint(np.fft.fftfreq(size) * size).astype(int)
+    return lags
+
+
 def estimate_std_of_row_sums(weights: Iterable[Array], residuals: Array, used: Mask) -> Array:
     """State the standard uncertainties of sums ``w . z`` over a map levelled row by row.
 
@@ -278,9 +284,7 @@ def estimate_std_of_row_sums(weights: Iterable[Array], residuals: Array, used: M
     true_variances = []
     for weight in weights:
         correlation = _LagGrid(weight.shape).autocorrelate(weight)
-        # lags of the sum within those of the map, negative ones at the end
-        lags = [np.rint(np.fft.fftfreq(size) * size).astype(int) for size in correlation.shape]
-        shared = np.ix_(*lags)
+        shared = np.ix_(*map(_list_lags, correlation.shape))
         least = _LEAST_OF_WHITE * correlation.flat[0] * noise.variance
         seen = np.sum(correlation * (noise.gamma * noise.taper)[shared])
         true = np.sum(correlation * (lifted * noise.taper)[shared])

@@ -115,7 +115,7 @@ class Crossings:
         slant = np.median((self.places[lag:] - self.places[:-lag]) / lag, axis=0)
         off = self.places - slant * np.arange(count)[:, np.newaxis]
         off -= np.median(off, axis=0)
-        scatter = np.array([estimate_robust_scale(column) for column in off.T])
+        scatter = np.array(list(map(estimate_robust_scale, off.T)))
         allowed = np.maximum(self.slack, _MOST_OFF_PLACE * scatter + LEAST_SCATTER)
         in_place = np.all(np.abs(off) <= allowed, axis=1)
         height_allowed = _MOST_OFF_HEIGHT * np.abs(usual_height)

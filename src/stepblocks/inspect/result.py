@@ -202,12 +202,12 @@ class InspectionResult:
             verdict=_MEASURED if self.verdict is None else self.verdict.value,
             statement=self.statement if self._is_of_part else "",
             convention=self.evaluation.convention,
-            notes=[str(note) for note in self.evaluation.notes],
+            notes=list(map(str, self.evaluation.notes)),
             energy_statement=self.energy_statement,
             values_without_limits=sizes_by_key,
             without_limits=sizes,
             characteristics=characteristics,
-            not_measured=[self._describe_missing(absent) for absent in self.missing],
+            not_measured=list(map(self._describe_missing, self.missing)),
         )
 
     def _describe_missing(self, absent: NotMeasured) -> NotMeasuredRecord:

@@ -65,7 +65,8 @@ def read_results_of_others(
     not_judged = [key for key, result in matched.items() if result.status not in _JUDGED]
     if _is_qif(path) and not_judged:
         notes.append(NoteKind.NO_JUDGEMENT_IN_FILE.describe(keys=", ".join(not_judged)))
-    for serial in dict.fromkeys(result.serial for result in results):
+    serials = [result.serial for result in results]
+    for serial in dict.fromkeys(serials):
         if serial:
             notes.append(NoteKind.SERIAL_NUMBER.describe(serial=serial))
     values = {key: _describe_result(key, result) for key, result in matched.items()}

@@ -441,9 +441,11 @@ def judge_part(
             judged.append(entry)
         else:
             missing.append(entry)
-    verdict = combine_verdicts(
-        judgement.decision.verdict for judgement in judged if judgement.characteristic.key in asked
-    )
+    verdicts = []
+    for judgement in judged:
+        if judgement.characteristic.key in asked:
+            verdicts.append(judgement.decision.verdict)
+    verdict = combine_verdicts(verdicts)
     is_complete = not any(absent.characteristic.key in asked for absent in missing)
     if verdict is Outcome.CONFORMS and not is_complete:
         verdict = Outcome.NOT_PROVEN

@@ -96,7 +96,9 @@ def choose_candidate(
         None where no candidate improves the criterion.
     """
     tried = list(known)
-    rival_cost = min([base.cost, *(fitted.cost for fitted in known)])
+    rival_cost = base.cost
+    for known_fit in known:
+        rival_cost = min(rival_cost, known_fit.cost)
     by_gain = sorted(_select_scores(opened.scores, most), key=lambda score: -score.gain)
     for coarse_score in by_gain:
         score = coarse_score

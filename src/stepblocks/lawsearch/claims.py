@@ -1,6 +1,6 @@
 """What held-out trials and replicates leave of the claims of a search."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +16,7 @@ from stepblocks.lawsearch.holdout import (
     ListCandidates,
     Rows,
 )
-from stepblocks.lawsearch.law import Law, name_family
+from stepblocks.lawsearch.law import Law, collect_ids, name_family
 from stepblocks.lawsearch.noise import Noise
 from stepblocks.lawsearch.structure import Hint
 
@@ -91,8 +91,7 @@ def _judge_by_folds(finding: Finding, folds: Sequence[Sequence[str]]) -> Finding
     family = name_family(finding.effect.id)
     blind, contradicting = False, False
     for names in folds:
-        families = [name_family(name) for name in names]
-        if family in families:
+        if family in map(name_family, names):
             continue
         # a fold that chooses nothing is blind to the law; one that chooses another contradicts it
         blind = blind or not names
@@ -217,17 +216,26 @@ def _drop_worsening(
         Errors of the model with their effects.
     """
     findings = explanation.findings
-    kept = {law.id for law in of_specimens}
+    kept = collect_ids(of_specimens)
     while len(findings) > len(kept):
         effects = list_effects(findings)
         errors = predictor.compute_errors(effects, explanation.extended.values)
         if not _is_worse(explanation.problem.noise, base, errors):
             return findings, errors
-        droppable = [finding for finding in findings if finding.effect.id not in kept]
-        # what was taken out along the run without a claim goes first
-        weakest = min(droppable, key=lambda f: (f.effect.id not in explanation.walks, f.gain))
-        findings = tuple(finding for finding in findings if finding is not weakest)
+        findings = _drop_weakest(findings, kept, explanation.walks)
     return findings, base
+
+
+def _drop_weakest(
+    findings: tuple[Finding, ...], kept: set[str], walks: Container[str]
+) -> tuple[Finding, ...]:
+    """Drop the finding that gains least of those that need not be kept.
+
+    What was taken out along the run without a claim, one of `walks`, goes first.
+    """
+    droppable = [finding for finding in findings if finding.effect.id not in kept]
+    weakest = min(droppable, key=lambda finding: (finding.effect.id not in walks, finding.gain))
+    return tuple(finding for finding in findings if finding is not weakest)
 
 
 def _refit_with_kept_findings(
@@ -235,7 +243,7 @@ def _refit_with_kept_findings(
 ) -> Explanation:
     """Deliver the model with the effects of some findings, and say which claims had to go."""
     effects = list_effects(findings)
-    delivered = {law.id for law in effects}
+    delivered = collect_ids(effects)
     dropped = []
     claimed = []
     for law in list_effects(explanation.findings):

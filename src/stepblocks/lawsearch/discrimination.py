@@ -103,8 +103,9 @@ def rank_settings(
     leading_channel = _order_by_gain(by_channel)[0]
     setting = grid.take(np.array([best]))
     scatter_of_mean = scatter[best] / max(repeats, 1)
+    settings = [_describe_setting(grid, row, shown, gain) for row in order]
     return Ranking(
-        settings=tuple(_describe_setting(grid, row, shown, gain) for row in order),
+        settings=tuple(settings),
         repeats=repeats,
         width_after=_compute_width_after(problem, first, setting, scatter_of_mean),
         channel=problem.trials.channels[leading_channel],

@@ -105,8 +105,7 @@ def _could_gain(solution: OptimizeResult) -> bool:
 
 def fit_without(problem: Problem, current: Fit, effect: Law) -> Fit:
     """Fit again without one of the effects of a fit."""
-    remaining = tuple(law for law in current.effects if law is not effect)
-    return fit(problem, remaining, current.values)
+    return fit(problem, current.leave_out(effect), current.values)
 
 
 def build_problem(model: ForwardModel, trials: Trials) -> Problem:

@@ -58,7 +58,12 @@ class Trials:
             If no column has an uncertainty beside it.
         """
         columns = list(map(str, getattr(table, "columns", ())))
-        channels = [name for name in columns if f"{name}_std" in columns]
+        channels, uncertainties = [], []
+        for channel in columns:
+            uncertainty = f"{channel}_std"
+            if uncertainty in columns:
+                channels.append(channel)
+                uncertainties.append(uncertainty)
         if not channels:
             # of what has no columns only the type is named: to print a large array takes seconds
             received = " ".join(", ".join(columns).split()) or str(type(table))
@@ -66,7 +71,6 @@ class Trials:
                 "table must have a measured column and its uncertainty, such as period and "
                 f"period_std, got {received:.300}"
             )
-        uncertainties = [f"{name}_std" for name in channels]
         measured = {*channels, *uncertainties, "block"}
         covariates = {}
         for name, column in table.items():

@@ -168,11 +168,13 @@ def _compute_gains(directions: Sequence[Direction], vectors: Floats) -> tuple[Fl
         widths = [basis.shape[1] for basis in bases]
         ends = np.cumsum(widths[:-1])
         projected += np.split(np.concatenate(bases, axis=1).T @ vectors, ends)
-    gains = np.stack([np.sum(along**2, axis=0) for along in projected])
-    for direction, gain, along in zip(directions, gains, projected, strict=True):
+    gains = []
+    for direction, along in zip(directions, projected, strict=True):
+        gain = np.sum(along**2, axis=0)
         if direction.one_sided:
             gain *= (direction.root[0] @ along) > 0.0
-    return gains, projected
+        gains.append(gain)
+    return np.stack(gains), projected
 
 
 def _compute_log_p(gains: Floats, freedom: Floats, noise_dof: float) -> Floats:

@@ -202,8 +202,8 @@ class HeldOutPredictor:
         self._trials = problem.trials
         self._candidates = candidates
         self._ways: list[list[_Fold]] = []
-        for folds in ways:
-            self._ways.append([self._build_fold(rows) for rows in folds])
+        for rows_of_folds in ways:
+            self._ways.append(list(map(self._build_fold, rows_of_folds)))
 
     def _build_fold(self, rows: Rows) -> _Fold:
         """Build the problem of the trials that a fold leaves."""

@@ -95,7 +95,7 @@ def _group_alike(directions: dict[str, Floats]) -> list[list[str]]:
     for first, second in combinations(directions, 2):
         if abs(directions[first] @ directions[second]) > _SAME_DIRECTION:
             alike.add_edge(first, second)
-    return [sorted(group) for group in nx.connected_components(alike)]
+    return list(map(sorted, nx.connected_components(alike)))
 
 
 def _list_left_to_prior(base: Fit) -> list[str]:

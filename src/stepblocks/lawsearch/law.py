@@ -1,6 +1,6 @@
 """Laws: effects that a forward model may lack, each with the parameters that are fitted."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -186,6 +186,11 @@ class Law:
 
 
 Active = Sequence[tuple[Law, Mapping[str, float]]]  # effects with the values of their parameters
+
+
+def collect_ids(effects: Iterable[Law]) -> set[str]:
+    """Collect the names of effects."""
+    return {law.id for law in effects}
 
 
 def list_starts(parameters: Sequence[Parameter]) -> dict[str, float]:

@@ -71,18 +71,13 @@ class Objective:
         self.steps_taken = 0
         self.parameters = _list_parameters(problem, effects)
         self.names = [p.name for p in self.parameters]
-        scales, starts, priors, lows, highs = [], [], [], [], []
-        for p in self.parameters:
-            scales.append(p.scale)
-            starts.append(p.start)
-            priors.append(p.scale / p.prior_std)
-            lows.append(p.low)
-            highs.append(p.high)
-        self.scale = np.array(scales)
-        self.start = np.array(starts) / self.scale
-        self.prior = np.array(priors)
+        self.scale = np.array([p.scale for p in self.parameters])
+        self.start = np.array([p.start for p in self.parameters]) / self.scale
+        self.prior = np.array([p.scale / p.prior_std for p in self.parameters])
         self.with_prior = np.flatnonzero(self.prior > 0.0)
-        self.bounds = np.array(lows) / self.scale, np.array(highs) / self.scale
+        low = np.array([p.low for p in self.parameters]) / self.scale
+        high = np.array([p.high for p in self.parameters]) / self.scale
+        self.bounds = low, high
         self._plan_differences()
         self._prepare_censored_values()
         self._last_x = np.full(len(self.parameters), np.nan)

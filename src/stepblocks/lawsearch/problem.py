@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stepblocks.lawsearch.forward_model import Floats, ForwardModel, Systematic, Trials
-from stepblocks.lawsearch.law import Active, Law, Parameter
+from stepblocks.lawsearch.law import Active, Law, Parameter, collect_ids
 from stepblocks.lawsearch.noise import Noise, build_noise
 from stepblocks.lawsearch.scatter import (
     Residual,
@@ -63,7 +63,7 @@ class Fit:
     @property
     def effect_ids(self) -> set[str]:
         """Names of the effects."""
-        return {law.id for law in self.effects}
+        return collect_ids(self.effects)
 
     @property
     def active_effects(self) -> Active:
@@ -72,8 +72,11 @@ class Fit:
 
     def list_effects_beside(self, effect: Law) -> Active:
         """List all effects but one, with their fitted values."""
-        beside = [law for law in self.effects if law is not effect]
-        return pair_with_values(beside, self.values)
+        return pair_with_values(self.leave_out(effect), self.values)
+
+    def leave_out(self, effect: Law) -> tuple[Law, ...]:
+        """Return all effects but one."""
+        return tuple(law for law in self.effects if law is not effect)
 
     @property
     def scales(self) -> Floats:

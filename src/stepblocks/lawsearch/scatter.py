@@ -144,12 +144,14 @@ def _standardise(numbers: Floats) -> Floats:
 def _list_polynomials(standardised: Sequence[Floats]) -> list[Floats]:
     """List powers and products of covariates, from the plainest to the most flexible."""
     columns = [*standardised]
-    columns += [column**2 for column in standardised]
+    for column in standardised:
+        columns.append(column**2)
     for i, column in enumerate(standardised):
         for later in standardised[i + 1 :]:
             columns.append(column * later)
     for power in (3, 4):
-        columns += [column**power for column in standardised]
+        for column in standardised:
+            columns.append(column**power)
     for squared in standardised[:_INTERACTING]:
         for factor in standardised:
             if squared is not factor:
@@ -189,7 +191,7 @@ def compute_replicate_residual(trials: Trials, cells: Sequence[object]) -> Resid
         None where there are too few replicates to know a scatter.
     """
     seen = pd.DataFrame(np.where(trials.seen, trials.values, np.nan))
-    groups = seen.groupby([str(cell) for cell in cells])
+    groups = seen.groupby(list(map(str, cells)))
     dof = len(trials) - groups.ngroups
     if dof < _LEAST_REPLICATE_FREEDOM:
         return None

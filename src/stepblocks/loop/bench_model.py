@@ -139,15 +139,9 @@ class SessionModel:
 
     def parameters(self, trials: Trials) -> tuple[Parameter, ...]:
         """Constants of the nominal model and the height errors of the blocks of a table."""
-        constants = list(
-            forward.list_constants(
-                _find_design(trials, self.tool.stiffness, self.laws),
-                self.tool,
-                self.height_std,
-                self.scanned,
-            )
-        )
-        constants = [self._take_certified_spring(p) for p in constants]
+        design = _find_design(trials, self.tool.stiffness, self.laws)
+        nominal = forward.list_constants(design, self.tool, self.height_std, self.scanned)
+        constants = list(map(self._take_certified_spring, nominal))
         constants += self._list_bench_constants()
         if not self.own:
             return tuple(constants)
@@ -237,7 +231,7 @@ class SessionModel:
         """Return every effect that may be asked of a table, but for those that scans rule out."""
         radius = self.scanned_radius[0] if self.scanned_radius else None
         laws = list_candidates(trials, list_covariate_ranges(trials), scanned_radius=radius)
-        return tuple(self._limit_by_calibration(law) for law in laws)
+        return tuple(map(self._limit_by_calibration, laws))
 
     def _limit_by_calibration(self, law: Law) -> Law:
         """Limit the constants of gauges and load by their calibrations.
@@ -326,14 +320,15 @@ def list_covariate_ranges(trials: Trials) -> tuple[CovariateRange, ...]:
     peak_force = _find_peak_force_range(trials)
     if peak_force is not None:
         ranges.append(peak_force)
-    if {"load_n", "speed_mm_s"} <= {where.name for where in ranges}:
+    varying = {where.name for where in ranges}
+    if {"load_n", "speed_mm_s"} <= varying:
         ratio = np.unique(_divide_speed_by_load(trials))
         low, high = float(ratio[0]), float(ratio[-1])
         ranges.append(CovariateRange(SPEED_OVER_LOAD, low, high, True, distinct=len(ratio)))
     grouped = _group_numbers(ranges)
     ranges += _pair_readings(ranges)
     ranges += grouped
-    blocks = tuple(str(block) for block in np.unique(trials.block))
+    blocks = tuple(map(str, np.unique(trials.block)))
     if 2 < len(blocks) <= len(trials) / _TRIALS_PER_BLOCK:
         ranges.append(CovariateRange("block", labels=blocks, distinct=len(blocks)))
     return tuple(ranges)

@@ -109,20 +109,22 @@ def compose_record(
     floor = _estimate_noise_floor(table, explanation.extended, list(pure_error.values()))
     spring = table.model.tool.stiffness
     nominal_errors, extended_errors = _list_errors(within, between, floor)
+    effects = [_describe_finding(f, explanation, table) for f in explanation.findings]
     hints = [_describe_hint(hint, table) for hint in explanation.hints]
+    mislabelled = [trial for trial in table.excluded if trial.is_mislabelled]
     record = LoopRecord(
         finding="",
         verdict=explanation.verdict,
         nominal=_describe_model(explanation.nominal, spring, nominal_errors),
         extended=_describe_model(explanation.extended, spring, extended_errors),
-        effects=[_describe_finding(f, explanation, table) for f in explanation.findings],
+        effects=effects,
         rivals=_list_rivals(explanation),
         hints=hints,
         unwritten=hints,
         known_of_the_gauges=_list_known_constants(table.model),
         could_have_shown=_list_detectable(explanation),
         excluded=table.excluded,
-        flagged=[trial for trial in table.excluded if trial.is_mislabelled],
+        flagged=mislabelled,
         apart=_list_apart(table, explanation),
         regimes=table.regimes,
         censored=_list_censored(table, explanation),
@@ -133,7 +135,7 @@ def compose_record(
         left_open_on_new_blocks=table.names[between.left_open[:, ENERGY]].tolist(),
         selected_in_folds=[*within.selected, *between.selected],
         trials_analysed=len(table.trials),
-        calibration=[_describe_check(check) for check in checks],
+        calibration=list(map(_describe_check, checks)),
         notes=table.notes,
         error_by_block=list_block_errors(table, within, floor.ln_energy_rms),
     )

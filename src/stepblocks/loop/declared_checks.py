@@ -61,6 +61,11 @@ class Declared(Enum):
         return "put a known weight on the normal gauge, and weigh the weights"
 
 
+def _compute_percent_off(ratio: float) -> float:
+    """Compute by how many percent a ratio is off one; below one it is negative."""
+    return 100.0 * (ratio - 1.0)
+
+
 @dataclass(frozen=True)
 class CalibrationCheck:
     """What the records say of one declared quantity.
@@ -96,16 +101,17 @@ class CalibrationCheck:
     @property
     def sentence(self) -> str:
         """The contradiction in plain words."""
-        percent = 100.0 * (self.shown - 1.0)
-        more = "more" if percent > 0.0 else "less"
-        low, high = sorted(abs(100.0 * (end - 1.0)) for end in (self.low, self.high))
+        percent = _compute_percent_off(self.shown)
+        direction = "more" if percent > 0.0 else "less"
+        ends = abs(_compute_percent_off(self.low)), abs(_compute_percent_off(self.high))
+        low, high = sorted(ends)
         suspects = self.quantity.suspects
         if self.slip is not None:
             suspects = self.quantity.suspects_of_slip
         named = f"{', '.join(suspects[:-1])} or {suspects[-1]}"
         return (
             f"{self.quantity.shown_by} {abs(percent):.1f} % ({low:.1f} to "
-            f"{high:.1f} %) {more} than the {self.quantity.name_in_words}: {named}"
+            f"{high:.1f} %) {direction} than the {self.quantity.name_in_words}: {named}"
         )
 
 

@@ -104,6 +104,8 @@ def render_loop_page(result: LoopResult, traces: Sequence[Path] = ()) -> str:
         Figures of the trials that were held apart.
     """
     record, found = result.record, result.found
+    encoded_traces = [_encode(path.read_bytes()) for path in traces]
+    residuals = [_draw_residuals(found, channel) for channel in _SHOWN_CHANNELS]
     return render_page(
         "stepblocks.loop",
         "loop.html.j2",
@@ -117,9 +119,9 @@ def render_loop_page(result: LoopResult, traces: Sequence[Path] = ()) -> str:
         r=record,
         errors=format_errors(record.nominal.error, record.extended.error),
         constants=_list_constants(record),
-        traces=[_encode(path.read_bytes()) for path in traces],
+        traces=encoded_traces,
         agreement=_draw_agreement(found),
-        residuals=[_draw_residuals(found, channel) for channel in _SHOWN_CHANNELS],
+        residuals=residuals,
         curves=_draw_effects(result),
     )
 
@@ -218,8 +220,10 @@ def find_abscissa(column: NDArray[np.generic]) -> Abscissa:
         return Abscissa(np.asarray(column, dtype=np.float64), {})
     labels, inverse = np.unique(column.astype(str), return_inverse=True)
     longest = max(map(len, labels))
-    every = -(-len(labels) * (longest + 2) // _LETTERS)
-    ticks = {place: str(labels[place]) for place in range(0, len(labels), every)}
+    step = -(-len(labels) * (longest + 2) // _LETTERS)  # rounded up
+    ticks = {}
+    for place in range(0, len(labels), step):
+        ticks[place] = str(labels[place])
     return Abscissa(np.asarray(inverse, dtype=np.float64), ticks)
 
 

@@ -457,8 +457,9 @@ def _search_folds(
         rules=rules,
         values=found.extended.values,
     )
+    calls = [(rows,) for rows in folds]
     selected: list[tuple[str, ...]] = []
-    for names in run_in_processes(search_without, ((rows,) for rows in folds), jobs):
+    for names in run_in_processes(search_without, calls, jobs):
         selected.append(names)
         if announce:
             chosen = ", ".join(names) or "nothing"

@@ -198,7 +198,8 @@ def _describe_shortage(usable: NDArray[np.bool_], excluded: list[ExcludedTrial])
         f"{len(usable)}"
     )
     if excluded:
-        commonest = pd.Series([trial.reason for trial in excluded]).mode()[0]
+        reasons = [trial.reason for trial in excluded]
+        commonest = pd.Series(reasons).mode()[0]
         text = f"{text}; most others: {commonest}"
     return text
 

@@ -66,7 +66,8 @@ def _list_settings(trials: Trials, name: str, *, varied: bool) -> list[object]:
 def _list_heights(trials: Trials) -> list[float]:
     """List the heights of the session and round ones between them [um]."""
     seen = trials.covariates["height_um"]
-    between = [height for height in _HEIGHTS_UM if seen.min() < height < seen.max()]
+    least, greatest = seen.min(), seen.max()
+    between = [height for height in _HEIGHTS_UM if least < height < greatest]
     return sorted({*between, *seen.tolist()})
 
 

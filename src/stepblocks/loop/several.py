@@ -148,24 +148,26 @@ def join_tables(tables: Mapping[str, SessionTable]) -> SessionTable:
         If the scans of a block differ between sessions.
     """
     model = _join_models(tables)
-    parts = list(tables.values())
     excluded = []
     names: list[str] = []
+    measured = []
     regimes: Counter[str] = Counter()
     for session, table in tables.items():
+        measured.append(table.measured)
         for name in table.names:
             names.append(f"{session}/{name}")
         for trial in table.excluded:
             excluded.append(ExcludedTrial(f"{session}/{trial.trial}", trial.reason))
         regimes.update(table.regimes)
+    first = next(iter(tables.values()))
     return replace(
-        parts[0],
+        first,
         trials=_join_trials(tables, model),
         names=np.array(names),
         excluded=excluded,
         regimes=dict(regimes),
         model=model,
-        measured=np.concatenate([table.measured for table in parts]),
+        measured=np.concatenate(measured),
     )
 
 
@@ -202,28 +204,36 @@ def _check_scans_agree(block: str, models: Mapping[str, SessionModel]) -> None:
     heights, errors = np.transpose(list(seen.values()))
     if np.ptp(heights) <= _ONE_BLOCK * np.linalg.norm(errors):
         return
-    texts = [f"{1e6 * height:.4g} um in {session}" for session, (height, _) in seen.items()]
+    texts = []
+    for session, (height, _) in seen.items():
+        texts.append(f"{1e6 * height:.4g} um in {session}")
     raise PipelineError(
         f"scans of the block {block!r} must agree, or blocks have names of their own, got "
         f"{', '.join(texts)}"
     )
 
 
+def _join_common_covariates(parts: Sequence[Trials]) -> dict[str, NDArray[np.generic]]:
+    """Join the covariates that all sessions have, but for days and readings of clocks."""
+    joined: dict[str, NDArray[np.generic]] = {}
+    for name in parts[0].covariates:
+        if name == "day" or name.endswith(_CLOCK):
+            continue
+        if all(name in trials.covariates for trials in parts):
+            joined[name] = np.concatenate([trials.covariates[name] for trials in parts])
+    return joined
+
+
 def _join_trials(tables: Mapping[str, SessionTable], model: SessionModel) -> Trials:
     """Join the trials of sessions, with the covariates that all of them have."""
     parts = [table.trials for table in tables.values()]
-    first = parts[0]
-    covariates: dict[str, NDArray[np.generic]] = {}
-    for name in first.covariates:
-        common = all(name in trials.covariates for trials in parts)
-        if common and name != "day" and not name.endswith(_CLOCK):
-            covariates[name] = np.concatenate([trials.covariates[name] for trials in parts])
+    covariates = _join_common_covariates(parts)
     orders = [model.order(trials) for trials in parts]
     covariates["run_order"] = _join_run_orders(orders)
-    covariates["session"] = np.repeat(list(tables), [len(order) for order in orders])
+    covariates["session"] = np.repeat(list(tables), list(map(len, orders)))
     return Trials(
         covariates=covariates,
-        channels=first.channels,
+        channels=parts[0].channels,
         values=np.concatenate([trials.values for trials in parts]),
         std=np.concatenate([trials.std for trials in parts]),
         block=np.concatenate([trials.block for trials in parts]),
@@ -488,9 +498,9 @@ def loop_sessions(
     _check_probes(folders)
     output = Path(output)
     with lock_folder(output):
-        results = {}
+        results, tables, summaries = {}, {}, {}
         for name, folder in folders.items():
-            results[name] = loop_session(
+            result = loop_session(
                 folder,
                 output / name,
                 jobs=jobs,
@@ -501,17 +511,18 @@ def loop_sessions(
                 announce=announce,
                 layout=layout,
             )
+            results[name] = result
+            tables[name] = result.table
+            summaries[name] = _summarise(result)
         together, shared = explain_together(
-            {name: result.table for name, result in results.items()},
+            tables,
             _join_scans(results.values()),
             jobs=jobs or count_cores(),
             announce=announce,
         )
         write_loop(together, output)
         record = SessionsRecord(
-            together=_summarise(together),
-            sessions={name: _summarise(result) for name, result in results.items()},
-            parameters=shared,
+            together=_summarise(together), sessions=summaries, parameters=shared
         )
         document: dict[str, Any] = convert_to_plain(record)
         replace_text(output / "sessions.json", format_document({"schema": SCHEMA, **document}))

@@ -96,14 +96,14 @@ class Relief(Table):
             if size.nominal < _LEAST:
                 rule = "be at least what the kernel builds"
                 yield describe_breach(f"relief.{name}", rule, _LEAST, size.nominal)
-        most = _MOST_WIDTH * body.half_length
-        if self.width.nominal > most:
+        widest = _MOST_WIDTH * body.half_length
+        if self.width.nominal > widest:
             rule = "leave nine tenths of the lower face"
-            yield describe_breach("relief.width", rule, most, self.width.nominal)
-        most = _MOST_DEPTH * body.thickness.nominal
-        if self.depth.nominal > most:
+            yield describe_breach("relief.width", rule, widest, self.width.nominal)
+        deepest = _MOST_DEPTH * body.thickness.nominal
+        if self.depth.nominal > deepest:
             rule = "not exceed a tenth of the thickness"
-            yield describe_breach("relief.depth", rule, most, self.depth.nominal)
+            yield describe_breach("relief.depth", rule, deepest, self.depth.nominal)
 
 
 def describe_relief(face: object) -> list[list[str]]:

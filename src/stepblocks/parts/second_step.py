@@ -222,10 +222,10 @@ class SecondStep(Table):
         if distance < _LEAST_FACE:
             rule = "leave a working face between both edges"
             yield describe_breach("second_step.distance", rule, _LEAST_FACE, distance)
-        most = body.half_length - body.edge_break.nominal - _LEAST_FACE
-        if distance > most:
+        farthest = body.half_length - body.edge_break.nominal - _LEAST_FACE
+        if distance > farthest:
             rule = "leave a working face behind the second edge"
-            yield describe_breach("second_step.distance", rule, most, distance)
+            yield describe_breach("second_step.distance", rule, farthest, distance)
         height = self.height.nominal
         radius = self.edge_radius.nominal
         if radius > height:

@@ -111,10 +111,10 @@ def draw_energy_of_height(
     marks: Sequence[float] = (),
 ) -> None:
     """Draw E_v against H with its 95 % interval and the locking height; `marks` in m."""
-    heights = 1e6 * np.array([step.height for step in steps])
     is_released = np.zeros(len(steps), dtype=bool)
-    energy, low, high = np.empty((3, len(steps)))
+    heights, energy, low, high = np.empty((4, len(steps)))
     for place, step in enumerate(steps):
+        heights[place] = 1e6 * step.height
         interval = estimate_interval(step, point, uncertainty, draws=_DRAWS)
         is_released[place] = interval.status is Status.RELEASES
         energy[place] = 1e6 * interval.energy

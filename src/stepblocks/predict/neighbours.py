@@ -164,7 +164,8 @@ def compare_stimuli(
 
 def tabulate_pairs(pairs: Iterable[Pair]) -> pd.DataFrame:
     """Make a table of pairs; its columns stand even where there is no pair."""
-    return pd.DataFrame([pair.tabulate() for pair in pairs], columns=list(_PAIR_COLUMNS))
+    rows = [pair.tabulate() for pair in pairs]
+    return pd.DataFrame(rows, columns=list(_PAIR_COLUMNS))
 
 
 def tabulate_predictions(

@@ -212,9 +212,10 @@ def _predict_under_ball(
         angles = (nominal_angles[backward], min(reached), max(reached))
         for friction, load in product(grid.coefficients, grid.normal_loads):
             point = replace(setting, ball_radius=ball.nominal, normal_load=load, friction=friction)
-            release, low, high = (
-                find_release(angle, load, point.friction, point.tool) for angle in angles
-            )
+            releases = []
+            for angle in angles:
+                releases.append(find_release(angle, load, point.friction, point.tool))
+            release, low, high = releases
             uncertainties = _collect_all_uncertainties(part, grid, ball, load, worn)
             interval = None
             if any(uncertainties.values()):

@@ -148,8 +148,11 @@ def _tabulate_ring(condition: Condition, bare: Condition, tool: Tool) -> dict[st
     ring = condition.ring
     duration = tool.ring_duration
     spread = tool.frequency_deviation / tool.frequency
+    frequency_shift = ring.frequency - bare.ring.frequency
+    decay_shift = ring.decay_time - bare.ring.decay_time
     bare_work = bare.ring.stiffness / bare.ring.mean_energy(duration)
     energy_ratio = bare_work * ring.mean_energy(duration) / ring.stiffness
+    sensor_ratio = condition.sensed / bare.sensed
     return {
         "sheath": condition.sheath or "none",
         "use": condition.use.value,
@@ -157,13 +160,13 @@ def _tabulate_ring(condition: Condition, bare: Condition, tool: Tool) -> dict[st
         "stiffness_n_mm": f"{ring.stiffness * 1e-3:.4g}",
         "frequency_hz": f"{ring.frequency:.1f}",
         "frequency_deviation_hz": f"{spread * ring.frequency:.1f}",
-        "frequency_shift_hz": f"{ring.frequency - bare.ring.frequency:+.1f}",
+        "frequency_shift_hz": f"{frequency_shift:+.1f}",
         "decay_time_ms": f"{ring.decay_time * 1e3:.2f}",
-        "decay_shift_ms": f"{(ring.decay_time - bare.ring.decay_time) * 1e3:+.2f}",
+        "decay_shift_ms": f"{decay_shift * 1e3:+.2f}",
         "log_decrement": f"{ring.log_decrement:.4f}",
         "sheath_share_of_strain_energy": f"{ring.sheath_share:.2g}",
         "ring_energy_ratio": f"{energy_ratio:.3f}",
-        "sensor_energy_ratio": f"{condition.sensed / bare.sensed:.3f}",
+        "sensor_energy_ratio": f"{sensor_ratio:.3f}",
         "finger_share": f"{condition.finger:.4f}",
     }
 

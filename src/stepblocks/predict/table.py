@@ -135,7 +135,8 @@ def _read_columns(frame: pd.DataFrame, place: object) -> dict[str, Array]:
     """Read inputs and their standard uncertainties, ``u_`` before their names [SI]."""
     wanted = dict(_COLUMNS)
     for name, (aliases, dimension, _) in _COLUMNS.items():
-        wanted[f"u_{name}"] = (tuple(f"u_{alias}" for alias in aliases), dimension, 0.0)
+        names_of_column = tuple(f"u_{alias}" for alias in aliases)
+        wanted[f"u_{name}"] = (names_of_column, dimension, 0.0)
     return read_si_columns(frame, wanted, place, lets_missing=True)
 
 

@@ -138,9 +138,9 @@ def add_script(name: str, limits: Mapping[str, int]) -> None:
 
 def _mark_page(links: Mapping[str, ui.link], address: str) -> None:
     """Mark the link of the page that an address opens, for eyes and for listeners."""
-    here = address.partition("?")[0]
+    shown_path = address.partition("?")[0]
     for path, link in links.items():
-        if path == here:
+        if path == shown_path:
             link.classes(add="here").props("aria-current=page")
         else:
             link.classes(remove="here").props(remove="aria-current")

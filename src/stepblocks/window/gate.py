@@ -189,14 +189,15 @@ async def _refuse(scope: "Scope", send: "Send", status: int, reason: str) -> Non
 async def _answer(send: "Send", status: int, text: str, headers: dict[str, str]) -> None:
     """Answer with a text."""
     body = text.encode()
-    told = {
+    all_headers = {
         "Content-Type": "text/plain; charset=utf-8",
         "Content-Length": str(len(body)),
         "Content-Security-Policy": "default-src 'none'; frame-ancestors 'none'",
         **_HEADERS,
         **headers,
     }
-    await send({"type": "http.response.start", "status": status, "headers": _encode_headers(told)})
+    encoded = _encode_headers(all_headers)
+    await send({"type": "http.response.start", "status": status, "headers": encoded})
     await send({"type": "http.response.body", "body": body})
 
 

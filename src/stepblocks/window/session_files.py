@@ -220,9 +220,10 @@ class SessionDraft:
         is_inside = bool(parts) and ".." not in parts and not pattern.startswith("/")
         if not is_inside or not pattern.endswith((".csv", ".txt", ".tsv")):
             return None
-        begin, _, rest = pattern.partition("{")
-        if rest:
-            pattern = f"{begin}*{rest.partition('}')[2]}"
+        begin, _, field_and_end = pattern.partition("{")
+        if field_and_end:
+            end = field_and_end.partition("}")[2]
+            pattern = f"{begin}*{end}"
         return next(iter(sorted(self.folder.glob(pattern))), None)
 
 

@@ -35,7 +35,7 @@ class _SetDesignCommand(FormCommand):
 
     def write_python(self, answers: Mapping[str, str]) -> str:
         """Write the lines that design, write and draw; nothing where an answer is no number."""
-        said = keep_filled(answers)
+        filled = keep_filled(answers)
         try:
             request = read_request(answers)
         except PipelineError:
@@ -49,9 +49,9 @@ class _SetDesignCommand(FormCommand):
             arguments.append(request.targets)
         call = write_call("design_set", *arguments, **options)
         lines = [call.replace("\n\n", "\n\ndesign = ", 1)]
-        lines.append(f"design.stimuli.to_toml({said['file']!r})")
-        if "plot" in said:
-            lines.append(f"design.draw({said['plot']!r})")
+        lines.append(f"design.stimuli.to_toml({filled['file']!r})")
+        if "plot" in filled:
+            lines.append(f"design.draw({filled['plot']!r})")
         return "\n".join(lines)
 
 

@@ -60,41 +60,41 @@ def read_request(answers: Mapping[str, str]) -> SetRequest:
     PipelineError
         If an answer that must be a number is none.
     """
-    said = keep_filled(answers)
+    filled = keep_filled(answers)
     options: dict[str, Any] = {}
     for name in _AS_GIVEN:
-        if name in said:
-            options[name] = said[name]
-    if "number" in said:
-        options["number"] = _read_number(said, "number", int)
+        if name in filled:
+            options[name] = filled[name]
+    if "number" in filled:
+        options["number"] = _read_number(filled, "number", int)
     conditions: dict[str, object] = {}
-    if "friction" in said:
-        conditions["frictions"] = [_read_number(said, "friction", float)]
-    if "load" in said:
-        conditions["normal_loads"] = [said["load"]]
+    if "friction" in filled:
+        conditions["frictions"] = [_read_number(filled, "friction", float)]
+    if "load" in filled:
+        conditions["normal_loads"] = [filled["load"]]
     if conditions:
         options["prediction"] = conditions
     route = {}
-    if "kind" in said or "step" in said:
-        route["kind"] = said.get("kind", FIRST_KIND)
-    if "step" in said:
-        route["step"] = said["step"]
+    if "kind" in filled or "step" in filled:
+        route["kind"] = filled.get("kind", FIRST_KIND)
+    if "step" in filled:
+        route["step"] = filled["step"]
     targets = []
-    if "targets" in said:
-        targets = split_list(said["targets"])
-    return SetRequest(PurePosixPath(said.get("file", "")).stem, targets, options, route)
+    if "targets" in filled:
+        targets = split_list(filled["targets"])
+    return SetRequest(PurePosixPath(filled.get("file", "")).stem, targets, options, route)
 
 
 def _read_number(
-    said: Mapping[str, str], name: str, read: Callable[[str], int | float]
+    filled: Mapping[str, str], name: str, read: Callable[[str], int | float]
 ) -> int | float:
     """Read an answer that must be a number; `read` is that of its type."""
     try:
-        return read(said[name])
+        return read(filled[name])
     except ValueError as error:
         what = texts.WHOLE_NUMBER if read is int else texts.ANY_NUMBER
         raise PipelineError(
-            texts.NO_NUMBER.format(name=name, what=what, value=shorten_value(said[name]))
+            texts.NO_NUMBER.format(name=name, what=what, value=shorten_value(filled[name]))
         ) from error
 
 

@@ -203,8 +203,8 @@ def _read_instances(section: str) -> _Data:
     for run, ref, body, entity in _RUN_OR_INSTANCE.findall(section):
         last = run or ref
         if run:
-            first, _, rest = run.partition(" = ")
-            data.bodies[first] = rest
+            first, _, body_of_run = run.partition(" = ")
+            data.bodies[first] = body_of_run
         else:
             data.bodies[ref] = body
             data.by_entity.setdefault(entity, []).append(ref)

@@ -56,8 +56,8 @@ def find_moved_vertices(file: Exchange) -> list[str]:
                 )
     lines = list(moved.values())
     if len(lines) > _MOST_FINDINGS:
-        more = len(lines) - _MOST_FINDINGS
-        lines = [*lines[:_MOST_FINDINGS], f"and {more} vertices more that lie off their edges"]
+        unlisted = len(lines) - _MOST_FINDINGS
+        lines = [*lines[:_MOST_FINDINGS], f"and {unlisted} vertices more that lie off their edges"]
     return lines
 
 

@@ -299,8 +299,8 @@ def fit_ring_after_rest(time: Array, force: Array, early: Ring, noise: float) ->
     else:
         return None
     left_out = slice(int(np.searchsorted(time, release + _RELEASE_TIME)), first)
-    rest = force[left_out] - late.compute_curve_without_release(time[left_out])
-    if not _is_dying_rest(rest, noise):
+    residual = force[left_out] - late.compute_curve_without_release(time[left_out])
+    if not _is_dying_rest(residual, noise):
         return None
     return Aftermath(
         late,

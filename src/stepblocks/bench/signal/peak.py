@@ -142,11 +142,11 @@ def _find_corner_beside_ring(
 
 def _average_peaks(first: Peak, second: Peak, share: float) -> Peak:
     """Average two peaks, the first of which counts by a share; the spread of both is uncertain."""
-    rest = 1.0 - share
-    force = share * first.force + rest * second.force
+    share_of_second = 1.0 - share
+    force = share * first.force + share_of_second * second.force
     variance = share * (first.force_std**2 + (first.force - force) ** 2)
-    variance += rest * (second.force_std**2 + (second.force - force) ** 2)
-    instant = share * first.time + rest * second.time
+    variance += share_of_second * (second.force_std**2 + (second.force - force) ** 2)
+    instant = share * first.time + share_of_second * second.time
     return Peak(instant, force, math.sqrt(variance), corner=True)
 
 

@@ -224,8 +224,8 @@ def _build_fall_columns(shape: ReleaseShape, time: Array, parameters: Array) -> 
     `parameters` are the length of the fall [s], then those of a corner.
     """
     fall, release = parameters[:2]
-    rest = _FALLS[shape](np.maximum(time - release, 0.0) / fall)
-    return np.column_stack([_build_corner_columns(time, parameters[1:]), rest])
+    falling = _FALLS[shape](np.maximum(time - release, 0.0) / fall)
+    return np.column_stack([_build_corner_columns(time, parameters[1:]), falling])
 
 
 def _fit_corner(time: Array, force: Array, tool: Tool) -> _ShapeFit:

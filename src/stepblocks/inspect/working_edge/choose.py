@@ -1,6 +1,6 @@
 """Which of several edges in a scan is the working edge: what lies beside it says so."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -101,11 +101,16 @@ def _find_edges_of_row(row: ScannedProfile, layout: DeclaredLayout) -> _EdgesOfR
         edges += _find_edges_beside(row, edges, layout)
     kept: list[FoundEdge] = []
     for edge in sorted(edges, key=lambda candidate: -abs(candidate.rise)):
-        distances = [abs(edge.position - greater.position) for greater in kept]
+        distances = _measure_distances(kept, edge.position)
         if min(distances, default=np.inf) > _SAME_EDGE:
             kept.append(edge)
     kept.sort(key=lambda edge: edge.position)
     return _EdgesOfRow(row, tuple(kept))
+
+
+def _measure_distances(edges: Iterable[FoundEdge], position: float) -> list[float]:
+    """Measure how far edges lie from a position along the profile [m]."""
+    return [abs(edge.position - position) for edge in edges]
 
 
 def _find_edges_beside(
@@ -248,7 +253,7 @@ def _find_common_stretch(
     ends = []
     for edges in several:
         margin = _MARGIN * edges.row.spacing
-        distances = [abs(edge.position - usual) for edge in edges.edges]
+        distances = _measure_distances(edges.edges, usual)
         index = int(np.argmin(distances))
         begins.append(float(edges.row.position[0]))
         ends.append(float(edges.row.position[-1]))

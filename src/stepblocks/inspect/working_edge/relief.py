@@ -118,7 +118,8 @@ def cover_relief(
         reason = NotMeasuredReason.RELIEF_NOT_SEEN.describe()
         return CoveredRelief(scan, missing=dict.fromkeys(("relief_width", "relief_depth"), reason))
     places = _locate(found)
-    depth = average_profiles("depth of the relief", [relief.depth for relief in found], instrument)
+    depths = [relief.depth for relief in found]
+    depth = average_profiles("depth of the relief", depths, instrument)
     without_relief, filled = _cover_scan(scan, places, declared)
     covered = CoveredRelief(
         scan=without_relief,

@@ -95,18 +95,18 @@ def _describe_angle(angle: float, noise: float, instrument: Instrument) -> Measu
 
 def _measure_straightness(crossed: CrossedEdges, angle: float, instrument: Instrument) -> Measured:
     """Average the straightness of a riser of an angle [rad] over the profiles that show it."""
-    zones = []
+    values, stds = [], []
     for crossing in crossed.crossings:
         if crossing.edge.flank is not None:
             row = crossing.row
-            zones.append(crossing.edge.measure_riser(row.position, row.height, angle))
-    values = np.array([zone.value for zone in zones])
-    std = np.array([zone.std for zone in zones]).mean()
+            zone = crossing.edge.measure_riser(row.position, row.height, angle)
+            values.append(zone.value)
+            stds.append(zone.std)
     noise = Component(
         Source.NOISE,
         # neighbouring profiles may err together: their scatter is not divided
-        math.hypot(std, values.std()),
+        math.hypot(np.mean(stds), np.std(values)),
         how="covariance of the form, and scatter over the profiles",
     )
     name = "straightness of the riser"
-    return add_instrument_components(name, float(values.mean()), [noise], instrument)
+    return add_instrument_components(name, float(np.mean(values)), [noise], instrument)
