@@ -348,15 +348,15 @@ def fit_bell(
     """
     first = int(np.searchsorted(time, release + _RELEASE_TIME))
     bell = fit_ring(time[first:], force[first:], release, mains, noise, cosine)
-    return Aftermath(
-        bell, release, bell.compute_amplitude(release), bell.frequency, bell.decay_time, bell.level
-    )
+    amplitude = bell.compute_amplitude(release)
+    return Aftermath(bell, release, amplitude, bell.frequency, bell.decay_time, bell.level)
 
 
 def estimate_sliding_noise(time: Array, approach: Approach, marks: Landmarks) -> float:
     """Estimate the noise while sliding, be it white or coloured [N]."""
-    before = approach.fit.residuals[: int(np.searchsorted(time, approach.onset))]
-    return min(max(float(np.std(before)), marks.noise), _MOST_COLOUR * marks.noise)
+    first_of_ramp = int(np.searchsorted(time, approach.onset))
+    scatter = float(np.std(approach.fit.residuals[:first_of_ramp]))
+    return min(max(scatter, marks.noise), _MOST_COLOUR * marks.noise)
 
 
 def _measure_aftermath_of_rubbing(

@@ -238,11 +238,13 @@ def fit_approach(
     """
     slide_end = int(np.searchsorted(time, marks.onset))
     mains = find_mains(time[:slide_end], force[:slide_end])
-    clock = Clock(mains, float(time[: max(slide_end, 1)].mean()))
+    middle_of_slide = float(time[: max(slide_end, 1)].mean())
+    clock = Clock(mains, middle_of_slide)
     approach = _fit_ramp(time, force, marks, clock, start_up)
     if straight:
         return approach
-    since = np.maximum(time[: approach.fit.residuals.size] - approach.onset, 0.0)
+    fitted_time = time[: approach.fit.residuals.size]
+    since = np.maximum(fitted_time - approach.onset, 0.0)
     if approach.fit.would_gain_from(_build_bend_columns(since)):
         return _fit_ramp(time, force, marks, replace(clock, bent=True), start_up)
     return approach

@@ -285,18 +285,24 @@ def measure_trace(
     after, peak = _fit_release(time, force, marks, approach, tool, saw)
     load = measure_normal_level(time, normal, approach)
     frequency, decay_time = tool or (after.frequency.value, after.decay_time.value)
+    damping = 1.0 / (2.0 * math.pi * frequency * decay_time)
+    force_without_hum = force - approach.compute_hum(time)
+    peak_index = int(np.searchsorted(time, peak.time))
     motion = Motion(
         time,
-        force - approach.compute_hum(time),
+        force_without_hum,
         normal,
-        peak=int(np.searchsorted(time, peak.time)),
+        peak=peak_index,
         level=approach.sliding_force,
         load=load.value,
         slope=approach.initial_slope,
         noise=marks.noise,
         frequency=frequency,
-        damping=1.0 / (2.0 * math.pi * frequency * decay_time),
+        damping=damping,
     )
+    sympathetic = measure_sympathetic_force(time, normal, approach, after)
+    shares = compute_band_shares(time, force, approach, after, peak)
+    regime = classify_regime(motion, saw, is_bell=after.is_bell)
     if not speed > 0.0:  # a handle at rest has no ramp
         speed = math.nan
     return Measurement(
@@ -308,9 +314,9 @@ def measure_trace(
         speed=speed,
         saw=saw,
         aftermath=after,
-        sympathetic=measure_sympathetic_force(time, normal, approach, after),
-        shares=compute_band_shares(time, force, approach, after, peak),
-        regime=classify_regime(motion, saw, is_bell=after.is_bell),
+        sympathetic=sympathetic,
+        shares=shares,
+        regime=regime,
         spring_constant=spring_constant,
     )
 
@@ -321,7 +327,8 @@ def _fit_approach(
     """Fit sliding and ramp; the ring of the start is that of the tool, known or guessed."""
     start_up = tool
     if start_up is None:
-        late = marks.peak + (time.size - marks.peak) // _LATE_SHARE
+        samples_after_peak = time.size - marks.peak
+        late = marks.peak + samples_after_peak // _LATE_SHARE
         start_up = guess_ring(time[late:], force[late:])
     # the ramp of a tip that stuck begins with its last tooth
     return fit_approach(time, force, marks, start_up, straight=saw is not None)
@@ -395,11 +402,13 @@ def _measure_loading(trace: Trace, speed: float) -> Loading:
     force = trace.tangential[set_down.first :]
     marks = find_bounded_landmarks(time, force)
     approach = fit_approach(time, force, marks, None)
+    highest = float(force[marks.peak])
+    normal = trace.normal[set_down.first :]
     return Loading(
         start=float(start),
         approach=approach,
-        peak=Peak(math.nan, float(force[marks.peak]), math.nan, corner=False),
-        load=measure_normal_level(time, trace.normal[set_down.first :], approach),
+        peak=Peak(math.nan, highest, math.nan, corner=False),
+        load=measure_normal_level(time, normal, approach),
         zeros=Zeros(set_down.tangential_zero, set_down.normal_zero),
         speed=speed,
     )
@@ -411,8 +420,10 @@ def _list_features_without_load(trace: Trace, features: Features) -> Features:
     # friction
     sliding = np.abs(trace.normal[trace.time < features["loading_onset_s"]])
     limit = np.abs(trace.normal).max()
-    is_cut = sliding.size and np.mean(sliding >= limit) > _CUT_SHARE
-    if not is_cut:
+    if not sliding.size:
+        return features
+    share_at_limit = np.mean(sliding >= limit)
+    if not share_at_limit > _CUT_SHARE:
         return features
     return {name: value for name, value in features.items() if name not in _OVER_LOAD}
 

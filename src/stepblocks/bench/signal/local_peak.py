@@ -116,11 +116,12 @@ class Window:
         miss = float(np.sqrt(np.mean(excess[first : first + _ON_RAMP] ** 2)))
         if miss > _CLEAR_MISS * noise:
             noise = miss
+        ramp_at_top = approach.compute_ramp_force(top).value
+        ramp_before_top = approach.compute_ramp_force(top - step).value
         return cls(
             since=(time[part] - top) / step,
             excess=excess[part],
-            climb=approach.compute_ramp_force(top).value
-            - approach.compute_ramp_force(top - step).value,
+            climb=ramp_at_top - ramp_before_top,
             rise=marks.rise,
             noise=max(noise, _LEAST_NOISE * marks.rise),
             sample=step,

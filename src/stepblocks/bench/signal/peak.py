@@ -126,16 +126,12 @@ def _find_corner_beside_ring(
     corner = _find_corner(time, marks, approach, ring)
     if corner is None:
         # where ramp and ring do not meet, the line has bent hum and drift to what is neither
-        clean = approach.compute_ramp_line(time[[marks.peak]]) - approach.compute_hum(
-            time[[marks.peak]]
-        )
+        instant = time[[marks.peak]]
+        clean = approach.compute_ramp_line(instant) - approach.compute_hum(instant)
         return replace(shown, force=float(clean[0]) + local.height)
     instants = top + window.sample * window.since
-    expected = np.where(
-        instants > corner.time,
-        ring.compute_curve(instants) - approach.compute_ramp_line(instants),
-        0.0,
-    )
+    ring_over_line = ring.compute_curve(instants) - approach.compute_ramp_line(instants)
+    expected = np.where(instants > corner.time, ring_over_line, 0.0)
     log_odds = window.compute_log_likelihood(expected) - local.log_likelihood - _LOG_PRICE_OF_RING
     return _average_peaks(corner, shown, float(expit(log_odds)))
 
@@ -221,13 +217,11 @@ def _find_rounded_peak(time: Array, force: Array, marks: Landmarks, approach: Ap
     grid = np.linspace(since[0], since[-1], 801) / reach
     heights = np.vander(grid, 4, increasing=True) @ weights
     best = int(np.argmax(heights))
-    gradient = np.asarray(grid[best] ** np.arange(4), dtype=float)
-    return Peak(
-        float(time[marks.peak] + grid[best] * reach),
-        float(heights[best]),
-        _ROUND_SPREAD * propagate_std(gradient, covariance),
-        corner=False,
-    )
+    place = grid[best]
+    gradient = np.asarray(place ** np.arange(4), dtype=float)
+    std = _ROUND_SPREAD * propagate_std(gradient, covariance)
+    instant = float(time[marks.peak] + place * reach)
+    return Peak(instant, float(heights[best]), std, corner=False)
 
 
 def _find_top(time: Array, clean: Array, marks: Landmarks) -> slice:

@@ -239,13 +239,17 @@ def _fit_damped(time: Array, force: Array, basis: RingBasis, noise: float, start
         scale=scale[:count],
     )
     begin = int(np.searchsorted(time, basis.origin + BEGIN))
+    misfit = compute_misfit(fit.residuals, count + fit.weights.size, begin, noise)
+    fitted_frequency = float(fit.shape[_FREQUENCY])
+    decay_time = float(fit.shape[_DECAY_TIME])
+    level = float(fit.weights[0])
     return Ring(
-        frequency=Estimate(float(fit.shape[_FREQUENCY]), fit.get_std(_FREQUENCY)),
-        decay_time=Estimate(float(fit.shape[_DECAY_TIME]), fit.get_std(_DECAY_TIME)),
-        level=Estimate(float(fit.weights[0]), fit.get_std(count)),
+        frequency=Estimate(fitted_frequency, fit.get_std(_FREQUENCY)),
+        decay_time=Estimate(decay_time, fit.get_std(_DECAY_TIME)),
+        level=Estimate(level, fit.get_std(count)),
         basis=basis,
         fit=fit,
-        misfit=compute_misfit(fit.residuals, count + fit.weights.size, begin, noise),
+        misfit=misfit,
     )
 
 

@@ -250,9 +250,10 @@ class _RubbingProblem:
         # what is known of the tool holds a ring that is too faint to tell; a clear ring outweighs
         # it
         uncertainty = np.array([frequency_spread * frequency, decay_spread * decay_time])
+        beginning = int(np.searchsorted(time, origin + BEGIN))
         return cls(
             origin=origin,
-            beginning=int(np.searchsorted(time, origin + BEGIN)),
+            beginning=beginning,
             since=time - origin,
             force=force,
             level=level,
@@ -277,9 +278,10 @@ class _RubbingProblem:
 
         frequency, decay_time = self.tool
         start = np.array([self.level, gap + 1e-6, frequency, decay_time, self.offset, 0.0, 0.0])
+        start_within_bounds = np.clip(start, self.lower, self.upper)
         return least_squares(
             self._compute_residuals,
-            np.clip(start, self.lower, self.upper),
+            start_within_bounds,
             jac=self._differentiate,
             bounds=(self.lower, self.upper),
             x_scale=_SCALE,
@@ -300,7 +302,8 @@ class _RubbingProblem:
         force = self._compute_force(values)
         slopes = []
         for step in np.diag(_STEP * _SCALE)[:-1]:
-            slopes.append((self._compute_force(values + step) - force) / step.max())
+            change = self._compute_force(values + step) - force
+            slopes.append(change / step.max())
         slopes.append(self.since)  # the drift is a line
         return np.vstack([np.column_stack(slopes), self._build_rows_of_tool()])
 
@@ -329,9 +332,10 @@ class _RubbingProblem:
         jacobian = compute_numeric_jacobian(
             self._compute_force, values, _STEP_OF_COVARIANCE * _SCALE, self.lower, self.upper
         )
+        covariance = estimate_covariance(jacobian, residuals, self._build_rows_of_tool())
         return RubbingRing(
             values,
-            estimate_covariance(jacobian, residuals, self._build_rows_of_tool()),
+            covariance,
             self.slope,
             self.origin,
             self._measure_misfit(residuals),

@@ -202,14 +202,16 @@ def _measure_saw(
     late = slope / omega
     static = kinetic + math.sqrt(max((top - kinetic) ** 2 - late**2, 0.0))
     unseen = _compute_friction_of_speed(static - kinetic, omega * (top - kinetic), slope, stiffness)
-    kinetic_std = math.hypot(0.5 * math.hypot(top_std, bottom_std), 0.5 * unseen)
+    amplitude_std = math.hypot(top_std, bottom_std)
+    kinetic_std = math.hypot(0.5 * amplitude_std, 0.5 * unseen)
     kinetic -= unseen
     climb = max(kinetic - teeth.last_force, 0.0)
     onset = int(np.searchsorted(time, time[teeth.last_bottom] + climb / slope))
+    stick_time = float(np.median(teeth.times))
     stick_std = float(np.std(teeth.times)) / root + float(np.median(np.diff(time)))
     return Sawtooth(
-        amplitude=Estimate(top - bottom, math.hypot(top_std, bottom_std)),
-        stick_time=Estimate(float(np.median(teeth.times)), stick_std),
+        amplitude=Estimate(top - bottom, amplitude_std),
+        stick_time=Estimate(stick_time, stick_std),
         static=Estimate(static, math.hypot(top_std, kinetic_std)),
         kinetic=Estimate(kinetic, kinetic_std),
         onset=min(onset, marks.peak - 3),

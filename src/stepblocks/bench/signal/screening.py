@@ -54,7 +54,9 @@ def has_ascending_time(trace: Trace) -> bool:
 
 def compute_rate(time: Array) -> float:
     """Return the samples per second [Hz] of instants [s] of shape (n,), n at least 2."""
-    return 1.0 / max(float((time[-1] - time[0]) / (time.size - 1)), _SHORTEST)
+    duration = time[-1] - time[0]
+    mean_step = float(duration / (time.size - 1))
+    return 1.0 / max(mean_step, _SHORTEST)
 
 
 def _find_unsound_samples(trace: Trace) -> TrialFault | None:

@@ -214,8 +214,9 @@ def compute_numeric_jacobian(
         below = np.array(point, dtype=float)
         above[index] = highest[index]
         below[index] = lowest[index]
+        change = model(above) - model(below)
         width = highest[index] - lowest[index]
-        columns.append((model(above) - model(below)) / width)
+        columns.append(change / width)
     return np.column_stack(columns)
 
 

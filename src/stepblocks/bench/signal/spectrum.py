@@ -60,7 +60,9 @@ def compute_band_share(values: Array, rate: float, band: tuple[float, float]) ->
     if values.size < 2 or not np.any(values):
         return float("nan")
     lowest, highest = band
-    size = max(1 << (4 * values.size - 1).bit_length(), 1 << int(np.ceil(np.log2(rate))))
+    four_times_as_long = 1 << (4 * values.size - 1).bit_length()
+    one_second = 1 << int(np.ceil(np.log2(rate)))
+    size = max(four_times_as_long, one_second)
     frequency, density = periodogram(
         values, fs=rate, window="boxcar", detrend=False, nfft=size, scaling="density"
     )

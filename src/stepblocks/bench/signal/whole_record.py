@@ -113,7 +113,8 @@ class _ShapeFit:
     def get_slope(self) -> Estimate:
         """Return the slope of the ramp [N/s]."""
         index = self.fitted.shape.size + _SLOPE
-        return Estimate(float(self.fitted.weights[_SLOPE]), self.fitted.get_std(index))
+        slope = float(self.fitted.weights[_SLOPE])
+        return Estimate(slope, self.fitted.get_std(index))
 
     def estimate_peak(self) -> Estimate:
         """Estimate the force at the release [N], the sum of level, ring and rest."""
@@ -296,6 +297,7 @@ def _average_shapes(fits: list[_ShapeFit], release: float) -> WholeRecord:
         return _average([estimate(fit) for fit in fits], shares)
 
     instant = average(_ShapeFit.get_release)
+    noise = np.sqrt(np.mean(best.fitted.residuals**2))
     return WholeRecord(
         shape=best.shape,
         probability=float(shares.max()),
@@ -306,7 +308,7 @@ def _average_shapes(fits: list[_ShapeFit], release: float) -> WholeRecord:
         slope=average(_ShapeFit.get_slope),
         frequency=average(_ShapeFit.get_frequency),
         decay_time=average(_ShapeFit.get_decay_time),
-        noise=float(np.sqrt(np.mean(best.fitted.residuals**2))),
+        noise=float(noise),
     )
 
 

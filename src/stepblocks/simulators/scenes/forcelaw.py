@@ -72,15 +72,10 @@ def _read_tick_source() -> str:
 
 def _write_columns(path: Path, columns: dict[str, Array]) -> None:
     """Write columns of numbers as CSV."""
+    header = ",".join(columns)
+    rows = np.column_stack(list(columns.values()))
     with path.open("w", encoding="utf-8", newline="\n") as file:
-        np.savetxt(
-            file,
-            np.column_stack(list(columns.values())),
-            fmt="%.12g",
-            delimiter=",",
-            header=",".join(columns),
-            comments="",
-        )
+        np.savetxt(file, rows, fmt="%.12g", delimiter=",", header=header, comments="")
 
 
 FORCELAW = SceneFormat(

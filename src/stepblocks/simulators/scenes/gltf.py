@@ -47,12 +47,8 @@ def _write_tooth(folder: Path, scan: Mesh, stations: Sequence[Scene]) -> None:
 
     closed = [*stations, stations[0]]
     margin = np.array([station.frame.shift * station.scale for station in closed])
-    picture = trimesh.Scene(
-        {
-            "tooth": trimesh.Trimesh(scan.vertices, scan.triangles, process=False),
-            "margin": trimesh.load_path(margin),
-        }
-    )
+    tooth = trimesh.Trimesh(scan.vertices, scan.triangles, process=False)
+    picture = trimesh.Scene({"tooth": tooth, "margin": trimesh.load_path(margin)})
     turn = np.eye(4)
     turn[:3, :3] = GLB_FROM_PART
     picture.apply_transform(turn)
@@ -64,11 +60,12 @@ def _describe_engine(scene: Scene, axes: str, unit: float, matrix: Array) -> dic
     triggers = []
     for event in scene.events:
         position = np.array([event.trigger_position, 0.0, event.trigger_height])
+        position_in_engine = unit * matrix @ position * scene.scale
         direction = np.array([float(event.direction), 0.0, 0.0])
         triggers.append(
             {
                 "drag": event.drag,
-                "position": _list_coordinates(unit * matrix @ position * scene.scale),
+                "position": _list_coordinates(position_in_engine),
                 "direction": _list_coordinates(matrix @ direction),
             }
         )

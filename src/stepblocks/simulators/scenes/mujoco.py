@@ -12,34 +12,36 @@ from stepblocks.simulators.scene import Scene, SceneFormat, write_from_template
 
 
 def _write(folder: Path, scene: Scene) -> None:
-    write_from_template(
-        folder / "scene.xml",
-        name=scene.stimulus.id,
-        blocks=[{"scene": scene, "y": 0.0, "prefix": ""}],
-        reach=None,
-    )
+    """Write the scene of a block, and the script that drags its tip."""
+    block = {"scene": scene, "y": 0.0, "prefix": ""}
+    write_from_template(folder / "scene.xml", name=scene.stimulus.id, blocks=[block], reach=None)
     write_from_template(folder / "drag.py")
 
 
 def _write_set(folder: Path, scenes: Sequence[Scene], _: str) -> None:
     """Write one scene with all blocks of a set side by side; each has its tip."""
     first = scenes[0]
-    widths = [float(np.ptp(scene.whole.vertices[:, 1])) for scene in scenes]
-    spacing = 1.2 * max(widths)
+    spacing = 1.2 * max(map(_measure_width, scenes))
     blocks = []
     for number, scene in enumerate(scenes):
         prefix = f"{scene.stimulus.id}-"
         blocks.append({"scene": scene, "y": -number * spacing, "prefix": prefix})
+    clip = first.ball_radius / (len(scenes) * spacing)  # nearer to a camera nothing is drawn
     write_from_template(
         folder / "scene.xml",
         name=folder.parent.name,
         blocks=blocks,
         reach=_find_reach(scenes),
-        clip=first.ball_radius / (len(scenes) * spacing),  # nearer to a camera nothing is drawn
+        clip=clip,
     )
     write_from_template(
         folder / "README.md", "mujoco-blocks.md", name=folder.parent.name, scenes=scenes
     )
+
+
+def _measure_width(scene: Scene) -> float:
+    """Measure the width of a block in a scene."""
+    return float(np.ptp(scene.whole.vertices[:, 1]))
 
 
 def _find_reach(scenes: Sequence[Scene]) -> float:

@@ -12,6 +12,7 @@ _OBJ_UNITS = 1e3
 
 
 def _write(folder: Path, scene: Scene) -> None:
+    """Write the scene, and each convex piece as a mesh in centimetres."""
     for piece in scene.pieces:
         vertices = piece.vertices * (_CM / _OBJ_UNITS)
         write_obj(folder / f"{piece.name}.obj", Mesh(piece.name, vertices, piece.triangles))

@@ -10,10 +10,11 @@ def _write(folder: Path, scene: Scene) -> None:
     """Write the stage of a scene."""
     start, height = scene.start_position
     events = json.dumps(scene.parameters()["events"], allow_nan=False)
+    escaped_events = events.replace("\\", "\\\\").replace("'", "\\'")
     write_from_template(
         folder / "scene.usda",
         scene=scene,
-        events=events.replace("\\", "\\\\").replace("'", "\\'"),
+        events=escaped_events,
         gap=1e-6 * scene.scale,
         start=start,
         height=height,

@@ -6,6 +6,7 @@ from stepblocks.simulators.scene import Scene, SceneFormat, write_from_template
 
 
 def _write(folder: Path, scene: Scene) -> None:
+    """Write the block for any viewer, and with the surface of H3D."""
     extent = float(abs(scene.whole.vertices).max())
     for name, haptic in (("scene.x3d", False), ("scene-h3d.x3d", True)):
         write_from_template(folder / name, "scene.x3d", scene=scene, extent=extent, haptic=haptic)
