@@ -112,7 +112,8 @@ def _judge_heights(
             f"{list(heights.shape)} [{path}]"
         )
     columns = heights.shape[1]
-    expected = [part.top(x) for x in sidecar.x.list_positions(columns).tolist()]
+    positions = sidecar.x.list_positions(columns).tolist()
+    expected = list(map(part.top, positions))
     worst = float(np.abs(heights - expected).max())
     yield Finding("largest error of a height", 0.0, worst, NANOMETRE)
     outer = min(columns // 3, _MOST_OUTER)

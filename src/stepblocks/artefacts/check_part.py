@@ -78,7 +78,8 @@ def measure_volumes(path: Path) -> dict[str, object]:
     """Integrate the volume of each solid by the kernel, in the confined process [m^3]."""
     from stepblocks.cad import kernel
 
-    return {"volumes": [kernel.compute_volume(body) for body in kernel.read_step(path)]}
+    bodies = kernel.read_step(path)
+    return {"volumes": list(map(kernel.compute_volume, bodies))}
 
 
 def _judge_faces(match: Match) -> Verdict:
@@ -186,7 +187,8 @@ def _format_values(required: RequiredCharacteristic) -> str:
     if required.kind in FORM:
         values = [required.upper]
     unit = choose_display_unit(required.quantity == "angle")
-    return ", ".join(f"{value * unit.per_si:.9g}" for value in values) + f" {unit.name}"
+    texts = [f"{value * unit.per_si:.9g}" for value in values]
+    return f"{', '.join(texts)} {unit.name}"
 
 
 def _list_unasked(report: StepReport, matches: Sequence[Match]) -> Iterator[str]:

@@ -123,7 +123,7 @@ class SimulatedStudy:
 def simulate_frame(plan: SimulatedStudy, seed: int) -> Table:
     """Simulate one study to its tidy table."""
     shape = (plan.participants, len(plan.factors), len(plan.heights), plan.repetitions)
-    person, setting, block, _ = (index.ravel() for index in np.indices(shape))
+    person, setting, block, _ = np.indices(shape).reshape(len(shape), -1)
     heights = np.asarray(plan.heights)
     energies = np.asarray(plan.energies)
     names = np.array([name for name, _ in plan.factors])
@@ -235,7 +235,8 @@ def estimate_power(
         (state,) = child.generate_state(1, np.uint64)
         studies.append((plan, analysis, int(state)))
     p_values = run_calls(compute_p_value, studies, jobs=jobs, on=on)
-    return _compute_power(sum(p < _LEVEL for p in p_values), runs)
+    significant = sum(p_value < _LEVEL for p_value in p_values)
+    return _compute_power(significant, runs)
 
 
 def _compute_power(hits: int, runs: int) -> Power:
@@ -510,8 +511,9 @@ def study_power(
         _check_realism(experiment, vibration, conditions)
     _check_effect(kind, measure, effect, effect_size)
     _check_curve_measure(kind, measure, trials, runs)
+    heights = {item.identity: item.height for item in blocks.items}
     question = _Question(
-        heights={item.identity: item.height for item in blocks.items},
+        heights=heights,
         energies=energies,
         conditions=conditions,
         damping=damping or {},
@@ -532,7 +534,7 @@ def study_power(
     with open_cluster(on, jobs) as cluster:
         question = replace(question, cluster=cluster)
         if measure in CURVE_MEASURES:
-            rows += [question.compare_intervals(times) for times in repetitions]
+            rows += map(question.compare_intervals, repetitions)
             participants = ()
         for people, times in itertools.product(participants, repetitions):
             if kind == "constant":

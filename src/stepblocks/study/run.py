@@ -162,8 +162,8 @@ def design_study(
     )
     blocks = choose_blocks(source, only=only)
     if kind.paired and not standard:
-        identities = ", ".join(item.identity for item in blocks.items)
-        raise StudyError(f"standard must be one of {identities}, got {standard!r}")
+        identities = [item.identity for item in blocks.items]
+        raise StudyError(f"standard must be one of {', '.join(identities)}, got {standard!r}")
     declared = _declare_factors(kind, probes, factors, between)
     if experiment == "virtual":
         _check_virtual_factors(factors, between)

@@ -110,12 +110,13 @@ class Component:
 
     def move(self, by: Point3) -> "Component":
         """Return it elsewhere [m], with the faces of its held distances."""
+        held = [_move_characteristic(distance, by) for distance in self.held]
         return replace(
             self,
             boxes=_move_solids(self.boxes, by),
             rods=_move_solids(self.rods, by),
             bores=_move_solids(self.bores, by),
-            held=tuple(_move_characteristic(distance, by) for distance in self.held),
+            held=tuple(held),
         )
 
     def build(self) -> cad.door.Body:

@@ -40,7 +40,7 @@ def _list_planes(component: Component, axis: int) -> Iterator[Characteristic]:
     if not _is_among(low, planes):  # round from there: its diameter says it
         return
     lowest = describe_plane(axis, low)
-    held = [face.at for face in _list_held_faces(component, axis)]
+    held = list(_list_held_places(component, axis))
     name = _OVERALL[axis]
     if _is_among(high, planes) and not _is_among(high, held):
         size = _make_general_dimension(high - low)
@@ -73,20 +73,20 @@ def _is_among(place: float, places: list[float]) -> bool:
     return any(abs(place - known) < _SAME for known in places)
 
 
-def _list_held_faces(component: Component, axis: int) -> Iterator[FaceRule]:
-    """List the upper faces of the distances that have a tolerance of their own."""
+def _list_held_places(component: Component, axis: int) -> Iterator[float]:
+    """List where the upper faces of distances with a tolerance of their own lie on an axis [m]."""
     for characteristic in component.held:
         _, upper = characteristic.faces
         if isinstance(upper, FaceRule) and upper.axis == axis:
-            yield upper
+            yield upper.at
 
 
 def _list_cylinder(
     component: Component, cylinder: Cylinder, key: str, label: str
 ) -> Iterator[Characteristic]:
     """List the diameter of a rod or bore, and where its axis lies."""
-    holds = {axis: cylinder.middle[axis] for axis in cylinder.cross_axis_indices}
-    holds[cylinder.along] = cylinder.middle[cylinder.along]
+    held_axes = (*cylinder.cross_axis_indices, cylinder.along)
+    holds = {axis: cylinder.middle[axis] for axis in held_axes}
     face = FaceRule("CYLINDER", radius=0.5 * cylinder.diameter, holds=holds)
     yield make_characteristic(
         key,

@@ -55,7 +55,9 @@ def _make_base() -> Component:
         screws += itertools.product([x + 6.0], _FEET_OF_THE_PORTALS)
     clamps = (SCREWS_OF_THE_SHANK_CLAMP, SCREWS_OF_THE_SHEATH_JAW)
     screws += itertools.product(clamps, SCREWS_OF_THE_JAWS)
-    bores = [make_bore("z", (x, y, -40.0), 4.5, 10.0) for x, y in screws]
+    bores = []
+    for x, y in screws:
+        bores.append(make_bore("z", (x, y, -40.0), 4.5, 10.0))
     # through which the screws of the block are reached
     access = make_bore("z", (0.0, 0.0, -40.0), 7.0, 10.0)
     bores += make_pattern(access, "x", _BLOCK_SCREWS)
@@ -69,7 +71,8 @@ def _make_seat() -> Component:
     counterbore = make_bore("z", (0.0, 0.0, -30.0), 6.5, 6.0)
     bores = make_pattern(hole, "x", _BLOCK_SCREWS)
     bores += make_pattern(counterbore, "x", _BLOCK_SCREWS)
-    bores += [make_bore("z", (x, y, -30.0), 3.3, 12.0, "M4") for x, y in _SEAT_SCREWS]
+    for x, y in _SEAT_SCREWS:
+        bores.append(make_bore("z", (x, y, -30.0), 3.3, 12.0, "M4"))
     body = make_box((-17.0, -14.0, -30.0), (12.0, 14.0, -8.0))
     stop = make_box((-17.0, -14.0, -8.0), (-10.0, 14.0, -2.0))
     return Component(

@@ -44,13 +44,16 @@ def list_stages(kit: Apparatus, weight: float | None = None) -> list[Stage]:
     if weight is None:
         weight = max(kit.normal_weights)
     carriage_low = find_carriage_height(kit.flexure)
+    flexure_and_pivot = [make_flexure(kit.flexure), *list_yoke()]
+    block_and_pull = [make_stand_in_block(), *list_pull_components()]
+    damping_rig = list_damping_rig(kit.displacement.value)
     return [
         Stage("frame", list(list_frame(carriage_low))),
         Stage("carriage", list(list_carriage(carriage_low))),
-        Stage("flexure and pivot", [make_flexure(kit.flexure), *list_yoke()]),
+        Stage("flexure and pivot", flexure_and_pivot),
         Stage("arm", list(list_balanced_arm(weight))),
-        Stage("block and pull", [make_stand_in_block(), *list_pull_components()]),
-        Stage("damping rig", list(list_damping_rig(kit.displacement.value))),
+        Stage("block and pull", block_and_pull),
+        Stage("damping rig", list(damping_rig)),
     ]
 
 

@@ -76,16 +76,19 @@ class Load:
     @property
     def std(self) -> float:
         """Standard uncertainty of the force in one trial [N]."""
-        return math.hypot(*(component.std for component in self.budget))
+        return _combine_stds(self.budget)
 
     @property
     def common_std(self) -> float:
         """Standard uncertainty of what is the same in all trials [N]."""
-        return math.hypot(*(component.std for component in self._list_common_components()))
+        common = [component for component in self.budget if component.is_common]
+        return _combine_stds(common)
 
-    def _list_common_components(self) -> list[ErrorComponent]:
-        """List the components that are the same in all trials."""
-        return [component for component in self.budget if component.is_common]
+
+def _combine_stds(components: Iterable[ErrorComponent]) -> float:
+    """Combine the standard uncertainties of independent components [N]."""
+    stds = [component.std for component in components]
+    return math.hypot(*stds)
 
 
 def compute_normal_load(kit: Apparatus, mass: float) -> Load:

@@ -66,10 +66,13 @@ class Box:
 
 def enclose_boxes(boxes: Sequence[Box]) -> Box:
     """Return the box around some boxes."""
-    low_x, low_y, low_z = zip(*[box.low for box in boxes], strict=True)
-    high_x, high_y, high_z = zip(*[box.high for box in boxes], strict=True)
+    low_corners = [box.low for box in boxes]
+    high_corners = [box.high for box in boxes]
+    low_x, low_y, low_z = zip(*low_corners, strict=True)
+    high_x, high_y, high_z = zip(*high_corners, strict=True)
     low = min(low_x), min(low_y), min(low_z)
-    return Box(low, (max(high_x), max(high_y), max(high_z)))
+    high = max(high_x), max(high_y), max(high_z)
+    return Box(low, high)
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
 from stepblocks.contact import Array
@@ -163,7 +164,10 @@ def simulate_estimates(
 
 
 def simulate_ratings(
-    person: Array, shown: Array, observer: Observer, generator: np.random.Generator
+    person: NDArray[np.int_],
+    shown: NDArray[np.bool_],
+    observer: Observer,
+    generator: np.random.Generator,
 ) -> Array:
     """Simulate ratings of realism; each participant has a level of her own.
 

@@ -83,7 +83,10 @@ def _analyse_comparisons(frame: Table, margin: float) -> Analysis:
     contrasts = dict[CurveQuantity, tuple[Interval, ...]]()
     if pairs:
         for quantity in CurveQuantity:
-            contrasts[quantity] = tuple(compare_settings(quantity, *pair) for pair in pairs)
+            intervals = []
+            for first, second in pairs:
+                intervals.append(compare_settings(quantity, first, second))
+            contrasts[quantity] = tuple(intervals)
     return Analysis(
         frame=frame,
         comparisons=tuple(settings),

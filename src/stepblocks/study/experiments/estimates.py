@@ -38,7 +38,10 @@ def simulate_estimate_texts(
     heights = np.array(list(energy_of_height))
     energies = np.array(list(energy_of_height.values()))
     estimates = simulate_estimates(trials, (heights, energies), observer, generator)
-    return [(f"{estimate * 1e6:.1f}",) for estimate in estimates]
+    texts = []
+    for estimate in estimates:
+        texts.append((f"{estimate * 1e6:.1f}",))
+    return texts
 
 
 def analyse_estimates(frame: Table, margin: float) -> Analysis:

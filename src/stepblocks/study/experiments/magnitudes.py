@@ -43,7 +43,10 @@ def _simulate_magnitudes(
     sensations = simulate_sensation(energies, observer, generator)
     moduli = np.exp(_MODULUS_SPREAD * generator.standard_normal(person.max() + 1))[person]
     magnitudes = moduli * (sensations / energies.mean()) ** _EXPONENT * _MODULUS
-    return [(f"{magnitude:.3g}",) for magnitude in magnitudes]
+    texts = []
+    for magnitude in magnitudes:
+        texts.append((f"{magnitude:.3g}",))
+    return texts
 
 
 def _analyse_magnitudes(frame: Table, margin: float) -> Analysis:

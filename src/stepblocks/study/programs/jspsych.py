@@ -95,6 +95,13 @@ def write_json_value(value: object) -> str:
     return json.dumps(value, ensure_ascii=False)
 
 
+def _is_list_of_objects(document: object) -> bool:
+    """Tell whether a JSON document is a list of objects."""
+    if not isinstance(document, list):
+        return False
+    return all(isinstance(item, dict) for item in document)
+
+
 def read_json_records(text: str, file: str) -> TextTable:
     """Read the records that jsPsych writes as JSON: a list of objects.
 
@@ -119,7 +126,7 @@ def read_json_records(text: str, file: str) -> TextTable:
         document = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise StudyError(f"records must be JSON: {error!s:.80} [{file}]") from error
-    if not isinstance(document, list) or not all(isinstance(item, dict) for item in document):
+    if not _is_list_of_objects(document):
         raise StudyError(f"records must be a JSON list of objects, one for each trial [{file}]")
     names = _list_names(document)
     rows = []

@@ -40,7 +40,7 @@ def melt_table(table: TextTable, pattern: str, search: AnswerSearch) -> TextTabl
     """
     known = _find_columns(table, pattern)
     fields = list(next(iter(known.values())))
-    answers = [search.columns.name(answer) for answer in search.answers]
+    answers = list(map(search.columns.name, search.answers))
     if _ANSWER in fields:
         fields.remove(_ANSWER)
     elif len(answers) > 1:

@@ -214,9 +214,9 @@ def _choose_filled_channel(records: Records, answer: str, search: AnswerSearch) 
     if not filled:
         return None
     if len(filled) > 1:
-        columns = ", ".join(channel.column for channel in filled)
+        columns = [channel.column for channel in filled]
         raise StudyError(
-            f"which of {columns} holds {answer} must be said, such as "
+            f"which of {', '.join(columns)} holds {answer} must be said, such as "
             f"--columns {answer}={filled[0].column!r} [{records.table.file}]"
         )
     if filled[0].is_position:
@@ -236,10 +236,10 @@ def _find_filled_channels(records: Records, answer: str, search: AnswerSearch) -
         if channel.column in taken:
             continue
         texts = list(filter(None, _clean_answers(records.table, channel.column)))
-        if texts:
-            filled.append(channel)
-        all_may_answer = all(_may_answer(answer, text) for text in texts)
-        if texts and all_may_answer:
+        if not texts:
+            continue
+        filled.append(channel)
+        if all(_may_answer(answer, text) for text in texts):
             fitting.append(channel)
     return fitting or filled
 
@@ -368,5 +368,6 @@ def _list_compared_columns(
 ) -> list[int]:
     """List the places of the columns in which rows of one trial agree."""
     if keys:
-        return table.find_columns(key for key in keys if key in table.names)
+        known_keys = [key for key in keys if key in table.names]
+        return table.find_columns(known_keys)
     return sorted(set(range(len(table.names))).difference(varying))

@@ -23,7 +23,7 @@ def make_amplitude(name: str) -> Parameter:
 
 def make_amplitudes(names: Names) -> tuple[Parameter, ...]:
     """Make the amplitudes of a shape of several columns or labels."""
-    return tuple(make_amplitude(name) for name in names)
+    return tuple(map(make_amplitude, names))
 
 
 def take_values(values: Mapping[str, float], names: Names) -> Floats:
