@@ -191,23 +191,25 @@ def _build_model_file(learned: LearnedModel) -> ModelFile:
     """Turn a learned model into the contents of its file."""
     tool = learned.tool
     laws = {kind: dict(law) for kind, law in learned.known_laws.items()}
+    probe = ProbePart(
+        spring_constant_n_per_m=tool.stiffness, tip_radius_um=learned.tip_radius_um, **laws
+    )
+    scatter = ScatterPart(
+        quantities=_QUANTITIES,
+        quantity_std=learned.quantity_std.tolist(),
+        channels=CHANNELS,
+        channel_std=learned.channel_std.tolist(),
+    )
     return ModelFile(
         format=_FORMAT,
         verdict=learned.verdict,
-        probe=ProbePart(
-            spring_constant_n_per_m=tool.stiffness, tip_radius_um=learned.tip_radius_um, **laws
-        ),
+        probe=probe,
         start=StartPart(tool.frequency, tool.decay_time),
         block_height_std_m=learned.height_std,
         scanned_height_m=learned.scanned,
         blocks=learned.blocks,
         covariates=learned.ranges,
-        scatter=ScatterPart(
-            quantities=_QUANTITIES,
-            quantity_std=learned.quantity_std.tolist(),
-            channels=CHANNELS,
-            channel_std=learned.channel_std.tolist(),
-        ),
+        scatter=scatter,
         nominal=_build_fit_part(learned.nominal),
         extended=_build_fit_part(learned.extended),
     )

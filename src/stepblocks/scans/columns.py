@@ -150,6 +150,7 @@ def _choose_by_names(table: NumberTable, candidates: list[int], channel: str | N
 
 
 def _find_beginning_with(names: dict[int, str], beginnings: tuple[str, ...]) -> list[int]:
+    """Find the columns whose names begin with one of some beginnings."""
     return [column for column, name in names.items() if name.startswith(beginnings)]
 
 

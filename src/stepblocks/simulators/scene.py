@@ -156,21 +156,28 @@ class Scene:
 
     def parameters(self) -> dict[str, object]:
         """Return contact, probe and events as plain values, the unit in every name."""
-        return {
-            "stimulus": self.stimulus.id,
-            "surface": self.surface.id,
-            "scale": self.scale,
-            "scale_is_of": "the set",
+        probe = {
             "ball_radius_m": self.ball_radius,
             "normal_load_n": self.point.normal_load,
             "friction": self.point.friction,
             "stiffness_n_per_m": self.stiffness,
             "tip_mass_kg": self.tip_mass,
             "tip_damping_n_s_per_m": self.tip_damping,
+        }
+        frame = {
             "frame": self.frame.words,
             "from_part_rows": self.frame.turn.tolist(),
             "from_part_shift_m": self.frame.shift.tolist(),
-            "events": [build_event_record(event, self.scale) for event in self.events],
+        }
+        events = [build_event_record(event, self.scale) for event in self.events]
+        return {
+            "stimulus": self.stimulus.id,
+            "surface": self.surface.id,
+            "scale": self.scale,
+            "scale_is_of": "the set",
+            **probe,
+            **frame,
+            "events": events,
         }
 
 

@@ -224,15 +224,22 @@ def _draw_line(points: Sequence[tuple[float, float]], title: str) -> str:
     length = _choose_bar(0.3 * wide)
     label = f"{format_number(1e6 * length)} µm"
     base = height - 0.6 * _MARGIN
-    return (
+    bar = length * scale
+    escaped_title = escape(title)
+    head = (
         f'<svg viewBox="0 0 {_WIDTH:.0f} {height:.1f}" width="{_WIDTH:.0f}" role="img" '
-        f'aria-label="{escape(title)}" stroke="currentColor" fill="none" '
-        f'style="max-width: 100%"><title>{escape(title)}</title>'
-        f'<polyline points="{drawn}" stroke-width="2"/>'
-        f'<path d="M{_MARGIN:.1f} {base:.1f}h{length * scale:.2f}" stroke-width="3"/>'
-        f'<text x="{_MARGIN + length * scale + 8.0:.2f}" y="{base + 4.0:.1f}" '
-        f'fill="currentColor" stroke="none" font-size="13">{escape(label)}</text></svg>'
+        f'aria-label="{escaped_title}" stroke="currentColor" fill="none" '
+        f'style="max-width: 100%"><title>{escaped_title}</title>'
     )
+    lines = (
+        f'<polyline points="{drawn}" stroke-width="2"/>'
+        f'<path d="M{_MARGIN:.1f} {base:.1f}h{bar:.2f}" stroke-width="3"/>'
+    )
+    caption = (
+        f'<text x="{_MARGIN + bar + 8.0:.2f}" y="{base + 4.0:.1f}" '
+        f'fill="currentColor" stroke="none" font-size="13">{escape(label)}</text>'
+    )
+    return f"{head}{lines}{caption}</svg>"
 
 
 def _choose_bar(most: float) -> float:

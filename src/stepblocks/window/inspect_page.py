@@ -100,6 +100,11 @@ class InspectionAnswers:
         return f"{result}\nstepblocks.write_inspection(result, {output!r})"
 
 
+def _read_field(field: ui.input) -> str:
+    """Read what a field says, without spaces at its ends."""
+    return str(field.value).strip()
+
+
 def _read_length(text: str) -> float | None:
     """Read a length [m]; None where nothing was said."""
     return parse_quantity(text, "length") if text else None
@@ -329,13 +334,13 @@ class InspectForm:
         if self._edge is not None:
             begin, end = self._edge.begin, self._edge.end
         return InspectionAnswers(
-            scan=str(self._scan.value).strip(),
+            scan=_read_field(self._scan),
             part=part,
             stimuli=file,
-            unit=str(self._unit.value).strip(),
-            channel=str(self._channel.value).strip(),
-            stylus_radius=str(self._stylus.value).strip(),
-            calibration=str(self._calibration.value).strip(),
+            unit=_read_field(self._unit),
+            channel=_read_field(self._channel),
+            stylus_radius=_read_field(self._stylus),
+            calibration=_read_field(self._calibration),
             begin=begin,
             end=end,
         )

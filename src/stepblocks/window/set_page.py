@@ -57,20 +57,25 @@ class _SetDesignCommand(FormCommand):
 
 def make_set_design(stimuli: list[str]) -> FormCommand:
     """Make the command that designs a set."""
-    questions = (
-        Question("file", texts.SET_FILE, default=_FIRST_FILE, is_required=True, is_name=True),
+    file = Question("file", texts.SET_FILE, default=_FIRST_FILE, is_required=True, is_name=True)
+    targets = (
         _TargetsQuestion("targets", texts.TARGETS),
         Question("lowest", texts.LOWEST, "--lowest", default="2 uJ"),
         Question("highest", texts.HIGHEST, "--highest"),
         Question("number", texts.NUMBER, "--number", default="8"),
         Question("apart", texts.NEIGHBOURS_APART, "--apart", default="1 JND"),
+    )
+    blocks = (
         Question("kind", texts.SET_KIND, "--kind", choices=(FIRST_KIND, "margin_block")),
         Question("base", texts.SET_BASE, "--base", choices=stimuli),
+    )
+    conditions = (
         Question("load", texts.SET_LOAD, "--load"),
         Question("friction", texts.SET_FRICTION, "--friction"),
-        Question("step", texts.SET_STEP, "--step"),
-        Question("plot", texts.SET_PLOT, "--plot", default=_FIRST_PICTURE, is_name=True),
     )
+    step = Question("step", texts.SET_STEP, "--step")
+    picture = Question("plot", texts.SET_PLOT, "--plot", default=_FIRST_PICTURE, is_name=True)
+    questions = (file, *targets, *blocks, *conditions, step, picture)
     return _SetDesignCommand(texts.DESIGN_SET, ("design-set",), "design_set", questions)
 
 

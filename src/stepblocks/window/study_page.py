@@ -18,30 +18,39 @@ _FIRST_PORT = "8230"
 
 def make_design(stimuli: list[str]) -> FormCommand:
     """Make the command that designs a study with a stimulus file of the folder."""
+    folder = Question(
+        "folder",
+        texts.STUDY_FOLDER,
+        "--output",
+        default=_FIRST_FOLDER,
+        is_required=True,
+        is_name=True,
+    )
+    experiment = Question(
+        "experiment",
+        texts.EXPERIMENT,
+        "--experiment",
+        "experiment",
+        default="estimates",
+        choices=_EXPERIMENTS,
+    )
+    participants = Question(
+        "participants", texts.PARTICIPANTS, "--participants", "participants", "10", read=int
+    )
+    probes = Question(
+        "probes", texts.PROBES, "--probes", "probes", "bare,hard,soft", read=split_list
+    )
+    repetitions = Question(
+        "repetitions", texts.REPETITIONS, "--repetitions", "repetitions", "3", read=int
+    )
     questions = (
-        Question("file", texts.STUDY_FILE, choices=stimuli, is_required=True),
-        Question(
-            "folder",
-            texts.STUDY_FOLDER,
-            "--output",
-            default=_FIRST_FOLDER,
-            is_required=True,
-            is_name=True,
-        ),
-        Question("seed", texts.SEED, "--seed", "seed", "1", read=int, is_required=True),
-        Question(
-            "experiment",
-            texts.EXPERIMENT,
-            "--experiment",
-            "experiment",
-            "estimates",
-            choices=_EXPERIMENTS,
-        ),
-        Question(
-            "participants", texts.PARTICIPANTS, "--participants", "participants", "10", read=int
-        ),
-        Question("probes", texts.PROBES, "--probes", "probes", "bare,hard,soft", read=split_list),
-        Question("repetitions", texts.REPETITIONS, "--repetitions", "repetitions", "3", read=int),
+        _ask_stimuli(stimuli),
+        folder,
+        _ask_seed(),
+        experiment,
+        participants,
+        probes,
+        repetitions,
         Question("standard", texts.STANDARD, "--standard", "standard"),
     )
     return FormCommand(
@@ -66,26 +75,28 @@ def make_sheets(studies: list[str]) -> FormCommand:
 
 def make_run(studies: list[str], stimuli: list[str]) -> FormCommand:
     """Make the command that leads a participant through the trials, at an address of its own."""
+    participant = Question(
+        "participant",
+        texts.PARTICIPANT,
+        "--participant",
+        "participant",
+        default="1",
+        is_required=True,
+    )
+    port = Question(
+        "port",
+        texts.PORT,
+        "--port",
+        default=_FIRST_PORT,
+        is_required=True,
+        is_of_function=False,  # in Python nobody needs a page to ask and to answer
+    )
     questions = (
         _ask_study(studies),
         Question("file", texts.STUDY_FILE, keyword="source", choices=stimuli),
-        Question(
-            "participant",
-            texts.PARTICIPANT,
-            "--participant",
-            "participant",
-            default="1",
-            is_required=True,
-        ),
+        participant,
         Question("practice", texts.PRACTICE, "--practice", "practice", read=int),
-        Question(
-            "port",
-            texts.PORT,
-            "--port",
-            default=_FIRST_PORT,
-            is_required=True,
-            is_of_function=False,  # in Python nobody needs a page to ask and to answer
-        ),
+        port,
     )
     return FormCommand(
         texts.RUN_STUDY,
@@ -100,9 +111,9 @@ def make_simulation(studies: list[str], stimuli: list[str]) -> FormCommand:
     """Make the command that lets simulated participants answer."""
     questions = (
         _ask_study(studies),
-        Question("file", texts.STUDY_FILE, choices=stimuli, is_required=True),
+        _ask_stimuli(stimuli),
         Question("answers", texts.ANSWERS_TO_WRITE, "--output", is_required=True, is_name=True),
-        Question("seed", texts.SEED, "--seed", "seed", "1", read=int, is_required=True),
+        _ask_seed(),
     )
     return FormCommand(texts.SIMULATE_STUDY, ("study", "simulate"), "simulate_study", questions)
 
@@ -125,7 +136,18 @@ def make_analysis(studies: list[str]) -> FormCommand:
     return FormCommand(texts.ANALYSE, ("study", "analyse"), "analyse_study", questions, name_page)
 
 
+def _ask_stimuli(stimuli: list[str]) -> Question:
+    """Ask for the stimulus file."""
+    return Question("file", texts.STUDY_FILE, choices=stimuli, is_required=True)
+
+
+def _ask_seed() -> Question:
+    """Ask for the seed of all random choices."""
+    return Question("seed", texts.SEED, "--seed", "seed", "1", read=int, is_required=True)
+
+
 def _ask_study(studies: list[str]) -> Question:
+    """Ask for the folder of the study."""
     return Question("study", texts.STUDY, choices=studies, is_required=True)
 
 

@@ -25,26 +25,26 @@ def suggest_commands(entry: Entry) -> list[ShownCommand]:
 def _suggest_for_stimuli(name: str) -> list[ShownCommand]:
     """Return the commands that predict, build, draw and study the stimuli of a file."""
     word = write_name(name)
-    return [
-        ShownCommand(texts.PREDICT, ("predict", word), write_call("predict_set", name)),
-        ShownCommand(
-            texts.BUILD,
-            ("build", word, "-o", "out"),
-            write_call("build_sets", [name], "out"),
-            "out/index.html",
-        ),
-        ShownCommand(
-            texts.DRAW, ("workshop", word, "-o", "out"), write_call("order_parts", [name], "out")
-        ),
-        ShownCommand(
-            texts.DESIGN,
-            ("study", "design", word, "--seed", "1", "-o", "study"),
-            write_call("design_study", name, "study", seed=1),
-        ),
-    ]
+    predict = ShownCommand(texts.PREDICT, ("predict", word), write_call("predict_set", name))
+    build = ShownCommand(
+        texts.BUILD,
+        ("build", word, "-o", "out"),
+        write_call("build_sets", [name], "out"),
+        "out/index.html",
+    )
+    draw = ShownCommand(
+        texts.DRAW, ("workshop", word, "-o", "out"), write_call("order_parts", [name], "out")
+    )
+    design = ShownCommand(
+        texts.DESIGN,
+        ("study", "design", word, "--seed", "1", "-o", "study"),
+        write_call("design_study", name, "study", seed=1),
+    )
+    return [predict, build, draw, design]
 
 
 def _suggest_for_scan(name: str) -> list[ShownCommand]:
+    """Return the command that lists the channels of a scan."""
     return [
         ShownCommand(
             texts.LIST_CHANNELS,
@@ -60,22 +60,22 @@ def _suggest_for_session(name: str) -> list[ShownCommand]:
     base = PurePosixPath(name).name
     features = f"out/{base}-features.csv"
     report = f"out/{base}-loop"
-    return [
-        ShownCommand(
-            texts.MEASURE,
-            ("measure", word, "-o", features),
-            write_call("measure_session", name, features),
-        ),
-        ShownCommand(
-            texts.LOOP,
-            ("loop", word, "-o", report),
-            write_call("loop_session", name, report),
-            f"{report}/report.html",
-        ),
-    ]
+    measure = ShownCommand(
+        texts.MEASURE,
+        ("measure", word, "-o", features),
+        write_call("measure_session", name, features),
+    )
+    explain = ShownCommand(
+        texts.LOOP,
+        ("loop", word, "-o", report),
+        write_call("loop_session", name, report),
+        f"{report}/report.html",
+    )
+    return [measure, explain]
 
 
 def _suggest_for_study(name: str) -> list[ShownCommand]:
+    """Return the command that writes the run sheets of a study."""
     return [
         ShownCommand(
             texts.SHEETS,
@@ -87,6 +87,7 @@ def _suggest_for_study(name: str) -> list[ShownCommand]:
 
 
 def _suggest_for_output(_: str) -> list[ShownCommand]:
+    """Return no command: what a command wrote is only looked at."""
     return []
 
 

@@ -49,15 +49,19 @@ class Window:
         self.folder = Folder(path)
         self.jobs = JobList(self.folder.path)
         self._left = LeftDrafts()
+        start_page = StartPage(self.folder, self.jobs)
+        study_page = StudyPage(self.folder, self.jobs)
+        set_page = SetPage(self.folder, self.jobs)
+        work_page = WorkPage(self.folder, self.jobs)
         self.pages = (
-            Page("/", texts.START, StartPage(self.folder, self.jobs).build),
+            Page("/", texts.START, start_page.build),
             Page("/declare", texts.DECLARE, self._build_declare_page),
             Page("/build", texts.BUILD_PAGE, self._build_build_page),
             Page("/inspect", texts.INSPECT, self._build_inspect_page),
             Page("/bench", texts.BENCH_PAGE, self._build_bench_page),
-            Page("/study", texts.STUDY_PAGE, StudyPage(self.folder, self.jobs).build),
-            Page("/set", texts.SET_PAGE, SetPage(self.folder, self.jobs).build),
-            Page(ADDRESS, texts.WORK, WorkPage(self.folder, self.jobs).build),
+            Page("/study", texts.STUDY_PAGE, study_page.build),
+            Page("/set", texts.SET_PAGE, set_page.build),
+            Page(ADDRESS, texts.WORK, work_page.build),
         )
 
     def build(self) -> None:

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from stepblocks.artefacts.step.write import write_conforming
 from stepblocks.files.atomic import replace_text
@@ -19,6 +20,7 @@ from stepblocks.parts.gauge_pair import (
     Grade,
     choose_base,
 )
+from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.margin import MarginBlock
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.on_paper import format_limits, format_millimetres, format_zone
@@ -80,6 +82,14 @@ class LeftLine:
     accepted: str  # in millimetres; ``-`` where the drawing leaves nothing to work to
 
 
+class _Letters(NamedTuple):
+    """The letters of an engraving."""
+
+    text: str
+    place: str  # of their middle along the block
+    middle: float  # their height over the base in the setup of the engraving [m]
+
+
 def write_setup(
     folder: Path, block: Block, routes: Sequence[Route] = (), pair: GaugePair | None = None
 ) -> list[Path]:
@@ -114,14 +124,7 @@ def _render_sheet(block: Block, routes: Sequence[Route], pair: GaugePair | None)
     stock_sizes = _measure_stock(block)
     allowances = compute_allowances(block)
     left_dimensions = list_left_dimensions(block)
-    letters_middle = allowances.base + 0.5 * block.body.thickness.nominal
-    letters = ""
-    letters_place = ""
-    engraving = block.body.engraving
-    if engraving is not None:
-        letters_middle += engraving.offset[1]
-        letters = engraving.choose_text(block.id)
-        letters_place = _describe_letters_place(engraving.offset[0])
+    letters = _find_letters(block, allowances)
     relief = second = None
     if isinstance(block, StepBlock):
         relief = block.relief
@@ -133,26 +136,28 @@ def _render_sheet(block: Block, routes: Sequence[Route], pair: GaugePair | None)
         grade = GRADES[pair.grade]
         if isinstance(block, StepBlock):
             base = choose_base(block, pair)
+    stock = [format_millimetres(size, 1) for size in stock_sizes]
+    last_edge = block.list_felt_edges()[-1]
     return render_page(
         "stepblocks.workshop",
         "setup.html",
         block=block,
-        stock=" x ".join(format_millimetres(size, 1) for size in stock_sizes),
+        stock=" x ".join(stock),
         reached="; ".join(_list_reaching(routes)),
         tight=_find_tight_axes(block, stock_sizes),
         steps=_list_steps(block),
         second=second,
         probed=_list_probed(block),
-        burr=f"{block.face_demands['burr'].upper * 1e6:.3g} um",
-        second_burr=f"{block.list_felt_edges()[-1].face_demands['burr'].upper * 1e6:.3g} um",
+        burr=_format_largest_burr(block),
+        second_burr=_format_largest_burr(last_edge),
         cut=f"{GRINDING * 1e3:g} mm",
         allowances=allowances,
         left_lines=_list_left_lines(left_dimensions),
         unproven=unproven,
         countersink=_describe_countersink(block, allowances),
-        letters_middle=format_millimetres(letters_middle, 3),
-        letters=letters,
-        letters_place=letters_place,
+        letters_middle=format_millimetres(letters.middle, 3),
+        letters=letters.text,
+        letters_place=letters.place,
         lapped=format_millimetres(find_lapped(block).high, 3),
         probe=f"{PROBE * 1e6:g} um",
         guard=GUARD_FACTOR,
@@ -165,6 +170,21 @@ def _render_sheet(block: Block, routes: Sequence[Route], pair: GaugePair | None)
         section_width=SECTION_WIDTH,
         wringing=WRINGING,
     )
+
+
+def _find_letters(block: Block, allowances: Allowances) -> _Letters:
+    """Find the letters of an engraving and their place; no text where there is none."""
+    middle = allowances.base + 0.5 * block.body.thickness.nominal
+    engraving = block.body.engraving
+    if engraving is None:
+        return _Letters("", "", middle)
+    place = _describe_letters_place(engraving.offset[0])
+    return _Letters(engraving.choose_text(block.id), place, middle + engraving.offset[1])
+
+
+def _format_largest_burr(part: Part) -> str:
+    """Write the largest burr that a part may have at its working edge."""
+    return f"{part.face_demands['burr'].upper * 1e6:.3g} um"
 
 
 def _list_steps(block: Block) -> list[float]:

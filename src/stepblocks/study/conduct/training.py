@@ -72,18 +72,22 @@ class TrainingDay:
 
     def describe(self) -> dict[str, str]:
         """Write the day as a row of progress.csv."""
+        right_share = self.right / self.trials
+        reaction = ""
+        if not math.isnan(self.reaction):
+            reaction = f"{self.reaction:.3f}"
         return {
             "participant": self.participant,
             "date_utc": self.date,
             "trials": str(self.trials),
             "right": str(self.right),
-            "right_ratio": f"{self.right / self.trials:.4f}",
+            "right_ratio": f"{right_share:.4f}",
             "right_low_95_ratio": f"{self.right_low:.4f}",
             "right_high_95_ratio": f"{self.right_high:.4f}",
             "level": f"{self.level:g}",
             "levels": str(self.levels),
             "difference_ratio": f"{self.difference:.4f}",
-            "reaction_s": "" if math.isnan(self.reaction) else f"{self.reaction:.3f}",
+            "reaction_s": reaction,
         }
 
 
