@@ -109,7 +109,6 @@ def _declare_functions(
     library: ctypes.CDLL, signatures: Mapping[str, tuple[object, object]]
 ) -> None:
     """Declare result and argument types of the functions of a maker's library."""
-    # Say what functions of a maker's library return and take, by name
     for name, (restype, argtypes) in signatures.items():
         function = getattr(library, name)
         function.restype, function.argtypes = restype, argtypes
@@ -124,18 +123,16 @@ class ForceDimension(Hand):
         self._lib = lib = _load_device_library(library, "dhd", "drd")
         real, byte, whole = ctypes.c_double, ctypes.c_char, ctypes.c_int
         axes = [ctypes.POINTER(real)] * 3
-        _declare_functions(
-            lib,
-            {
-                "dhdGetPosition": (whole, [*axes, byte]),
-                "dhdGetLinearVelocity": (whole, [*axes, byte]),
-                "dhdSetForce": (whole, [real, real, real, byte]),
-                "dhdGetButton": (whole, [whole, byte]),
-                "dhdEnableForce": (whole, [ctypes.c_ubyte, byte]),
-                "dhdClose": (whole, [byte]),
-                "dhdErrorGetLastStr": (ctypes.c_char_p, []),
-            },
-        )
+        functions = {
+            "dhdGetPosition": (whole, [*axes, byte]),
+            "dhdGetLinearVelocity": (whole, [*axes, byte]),
+            "dhdSetForce": (whole, [real, real, real, byte]),
+            "dhdGetButton": (whole, [whole, byte]),
+            "dhdEnableForce": (whole, [ctypes.c_ubyte, byte]),
+            "dhdClose": (whole, [byte]),
+            "dhdErrorGetLastStr": (ctypes.c_char_p, []),
+        }
+        _declare_functions(lib, functions)
         self._one = ctypes.c_char(b"\xff")  # -1: the device that was opened last
         self._values = [ctypes.c_double() for _ in range(6)]
         self._require(lib.dhdOpen() >= 0, "be opened")

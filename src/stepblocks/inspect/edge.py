@@ -277,6 +277,8 @@ def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> 
     if faces.wavy is not None:
         radius_std *= _BESIDE_WAVES
     missing = int((~known).sum())
+    rejected = planes.fit.rejected + int(spikes.sum()) + corner.spikes + missing
+    dropped = faces.asked & ~planes.fit.used | spikes
     sign = 1.0 if edge.rising else -1.0
     return Edge(
         height=estimate_height(x, z, edge.middle, planes),
@@ -288,10 +290,10 @@ def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> 
         tilt=sign * planes.tilt,
         offset=planes.offset,
         exclusion=faces.exclusion,
-        rejected=planes.fit.rejected + int(spikes.sum()) + corner.spikes + missing,
+        rejected=rejected,
         rising=edge.rising,
         flank=corner.flank,
-        dropped=edge.map_to_profile(faces.asked & ~planes.fit.used | spikes),
+        dropped=edge.map_to_profile(dropped),
         noise=faces.noise,
     )
 

@@ -327,11 +327,13 @@ def _add_extremes(
     places = np.column_stack([along_x.positions[columns], along_y.positions[rows]])
     # of so many independent heights of a normal law the highest
     highest = np.sqrt(2.0 * np.log(waves.cells))
+    design_at_extremes = design[:, rows, columns]
+    not_wavy = np.zeros(len(form.grid))
     return replace(
         form,
         grid=np.concatenate([form.grid, places]),
-        columns=np.concatenate([form.columns, design[:, rows, columns]], axis=1),
-        waviness=np.concatenate([np.zeros(len(form.grid)), height[extremes]]),
+        columns=np.concatenate([form.columns, design_at_extremes], axis=1),
+        waviness=np.concatenate([not_wavy, height[extremes]]),
         peaks=float(highest * waves.noise),
     )
 

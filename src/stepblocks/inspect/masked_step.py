@@ -157,15 +157,18 @@ def measure_masked_step(
     near = max(_CLEAR * pitch, _SUDDEN_WIDTH * float(distances.within.max()))
     change = _measure_change(levelled.heights, measured, distances, near, pitch)
     _check_change(change, depth, near, scan.source)
-    numbers = ndimage.label(inside)[0][floor]
+    labels, _ = ndimage.label(inside)
+    numbers = labels[floor]
     sums = np.bincount(numbers, levelled.heights[floor])
     means = sums / np.maximum(np.bincount(numbers), 1)
+    scatter_of_means = float(np.std(means[numbers]))
+    features = int(np.unique(numbers).size)
     return MaskedStep(
         depth=_estimate_by_bands(rows.depths, rows.shares, depth, known),
-        differ=float(np.std(means[numbers])),
+        differ=scatter_of_means,
         exclusion=exclusion,
         rows=int(known.sum()),
-        features=int(np.unique(numbers).size),
+        features=features,
         level=levelled.heights,
         inside=inside,
         floor=floor,

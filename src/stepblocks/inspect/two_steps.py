@@ -171,9 +171,11 @@ def _join_shown(first: Shown, second: Shown, offset: float) -> Shown:
     for name, shown in zip(_NAMES, (first, second), strict=True):
         inner_ends = (shown.windows[0].end, shown.windows[-1].begin)
         marks.append(Mark(float(np.mean(inner_ends)), name))
+    position = np.concatenate([left.position[before], right.position[behind]])
+    height = np.concatenate([left.height[before], right.height[behind]])
     return Shown(
-        position=np.concatenate([left.position[before], right.position[behind]]),
-        height=np.concatenate([left.height[before], right.height[behind]]),
+        position=position,
+        height=height,
         windows=(*left.windows, *right.windows),
         fitted=_join(left.fitted, right.fitted, before, behind),
         dropped=_join(left.dropped, right.dropped, before, behind),

@@ -118,7 +118,10 @@ def withdraw_claims(explanation: Explanation, hints: tuple[Hint, ...]) -> Explan
 
 def _withdraw_all(findings: Sequence[Finding], reason: str) -> tuple[Finding, ...]:
     """Withdraw the claims of all findings for one reason."""
-    return tuple(replace(f, verdict=Verdict.UNEXPLAINED, reason=reason) for f in findings)
+    withdrawn = []
+    for finding in findings:
+        withdrawn.append(replace(finding, verdict=Verdict.UNEXPLAINED, reason=reason))
+    return tuple(withdrawn)
 
 
 def choose_delivered_effects(

@@ -114,7 +114,9 @@ def rank_settings(
 
 def _describe_setting(grid: Trials, row: int, shown: Sequence[str], gain: Floats) -> RankedSetting:
     """Give the covariates of one row of a grid that are shown, as plain values, with its gain."""
-    settings = {name: grid.covariates[name][row].item() for name in shown}
+    settings = {}
+    for name in shown:
+        settings[name] = grid.covariates[name][row].item()
     return RankedSetting(settings, float(gain[row]))
 
 

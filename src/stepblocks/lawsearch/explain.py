@@ -75,8 +75,10 @@ def explain(
     explanation = judge_search(found, candidates, rules)
     for row in wild_rows:
         apart.setdefault(row, 1.0)
-    bad_trials = tuple(BadTrial(row, chance) for row, chance in sorted(apart.items()))
-    return replace(explanation, apart=bad_trials)
+    bad_trials = []
+    for row in sorted(apart):
+        bad_trials.append(BadTrial(row, apart[row]))
+    return replace(explanation, apart=tuple(bad_trials))
 
 
 def _leave_out_wild_readings(trials: Trials, threshold: float) -> tuple[Trials, list[int]]:

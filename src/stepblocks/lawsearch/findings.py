@@ -103,12 +103,11 @@ class Finding:
     @property
     def laws(self) -> list[Law]:
         """The effect, then its rivals."""
-        rivals = [rival.effect for rival in self.rivals]
-        return [self.effect, *rivals]
+        return [self.effect, *list_effects(self.rivals)]
 
 
-def list_effects(findings: Sequence[Finding]) -> list[Law]:
-    """List the effects of findings."""
+def list_effects(findings: Sequence[Finding] | Sequence[Rival]) -> list[Law]:
+    """List the effects of findings, or of rivals."""
     return [finding.effect for finding in findings]
 
 

@@ -197,15 +197,18 @@ def _predict_sound_rows(columns: dict[str, Array]) -> dict[str, Array | NDArray[
     is_beyond = np.char.startswith(release.status, "beyond-")
     energy = conversion * kernels.compute_stored_energy(release.pull_force, stiffness)
     ends = _find_ends(columns, angle)
+    known_energy = np.where(is_beyond, math.nan, energy)
+    known_energy_low = np.where(is_beyond, math.nan, ends.energy_low)
+    known_energy_high = np.where(is_beyond, math.nan, ends.energy_high)
     return {
         "critical_angle_deg": np.degrees(angle),
         "status": release.status,
         "peak_force_n": release.pull_force,
         "peak_force_95_low_n": ends.force_low,
         "peak_force_95_high_n": ends.force_high,
-        "vibration_energy_uj": 1e6 * np.where(is_beyond, math.nan, energy),
-        "vibration_energy_95_low_uj": 1e6 * np.where(is_beyond, math.nan, ends.energy_low),
-        "vibration_energy_95_high_uj": 1e6 * np.where(is_beyond, math.nan, ends.energy_high),
+        "vibration_energy_uj": 1e6 * known_energy,
+        "vibration_energy_95_low_uj": 1e6 * known_energy_low,
+        "vibration_energy_95_high_uj": 1e6 * known_energy_high,
         "held_probability": ends.held_probability,
     }
 

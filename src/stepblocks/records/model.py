@@ -286,21 +286,23 @@ def _parse_model(file: ModelFile, path: Path) -> LearnedModel:
     for kind, law in (("friction", file.probe.friction), ("contact", file.probe.contact)):
         if law is not None:
             known_laws[kind] = law
+    tool = Tool(
+        stiffness=file.probe.spring_constant_n_per_m,
+        frequency=file.start.ring_frequency_hz,
+        decay_time=file.start.decay_time_s,
+        limits=Limits(),  # what a bench measured was no hand's
+    )
+    channel_std = _parse_numbers("channel_std", file.scatter.channel_std, (len(CHANNELS),))
     return LearnedModel(
         verdict=file.verdict,
-        tool=Tool(
-            stiffness=file.probe.spring_constant_n_per_m,
-            frequency=file.start.ring_frequency_hz,
-            decay_time=file.start.decay_time_s,
-            limits=Limits(),  # what a bench measured was no hand's
-        ),
+        tool=tool,
         tip_radius_um=file.probe.tip_radius_um,
         height_std=file.block_height_std_m,
         scanned=file.scanned_height_m,
         blocks=blocks,
         ranges=file.covariates,
         quantity_std=quantity_std,
-        channel_std=_parse_numbers("channel_std", file.scatter.channel_std, (len(CHANNELS),)),
+        channel_std=channel_std,
         nominal=_parse_fit("nominal", file.nominal, laws, path),
         extended=extended,
         known_laws=known_laws,

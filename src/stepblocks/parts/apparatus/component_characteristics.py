@@ -46,7 +46,8 @@ def _list_planes(component: Component, axis: int) -> Iterator[Characteristic]:
         size = _make_general_dimension(high - low)
         highest = describe_plane(axis, high)
         yield make_characteristic(name, "distance", size, lowest, highest, label=f"{name} over all")
-    inner = [place for place in planes if not _is_among(place, [low, high, *held])]
+    ends_and_held = [low, high, *held]
+    inner = [place for place in planes if not _is_among(place, ends_and_held)]
     for number, place in enumerate(inner, start=1):
         label = f"{name}, face {number} from the {_SIDES[axis]}"
         face = describe_plane(axis, place)

@@ -352,14 +352,17 @@ def fit_mixed_model(
     if covariate:
         slope = _test_slope(effects, count, scale)
     standardised_loss = float(likelihood.loss(optimum.point))
+    log_likelihood = -standardised_loss - likelihood.free * math.log(scale)
+    person_share = math.sqrt(max(variances.person, 0.0))
+    response_share = math.sqrt(max(variances.response, 0.0))
     return MixedFit(
         means=tuple(means),
         condition=test,
         intervals=family,
-        sd_participant=math.sqrt(max(variances.person, 0.0)) * residual * scale,
-        sd_condition=math.sqrt(max(variances.response, 0.0)) * residual * scale,
+        sd_participant=person_share * residual * scale,
+        sd_condition=response_share * residual * scale,
         sd_residual=residual * scale,
-        log_likelihood=-standardised_loss - likelihood.free * math.log(scale),
+        log_likelihood=log_likelihood,
         remarks=_describe_variances(variances, repeated),
         slope=slope,
     )

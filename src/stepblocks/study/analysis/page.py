@@ -46,6 +46,9 @@ def render_study(result: StudyResult) -> str:
         svg = _render_figure(study_figure.figure, "svg").decode()
         figures.append(_PageFigure(study_figure.caption, svg))
     tools = [f"{name} {version(name)}" for name in ("stepblocks", "statsmodels", "scipy")]
+    measures = [measure.name for measure in result.measures]
+    has_covariate = any(measure.mixed.slope for measure in result.measures)
+    has_groups = any(measure.groups for measure in result.measures)
     return render_page(
         "stepblocks.study",
         "study.html",
@@ -58,9 +61,9 @@ def render_study(result: StudyResult) -> str:
         people=result.frame["participant"].nunique(),
         judgements=len(result.frame),
         stimuli=result.frame["stimulus"].nunique(),
-        measures=[measure.name for measure in result.measures],
-        covariate=any(measure.mixed.slope for measure in result.measures),
-        groups=any(measure.groups for measure in result.measures),
+        measures=measures,
+        covariate=has_covariate,
+        groups=has_groups,
         ordinal=bool(result.ordinal),
         comparisons=bool(result.comparisons),
         power_laws=bool(result.power_laws),

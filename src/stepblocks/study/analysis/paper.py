@@ -99,7 +99,7 @@ def _list_log_errors(errors: Sequence[LogError]) -> PaperTable:
         for value, low, high in (error.mean, error.rms):
             figures += [f"{value:.3f}", f"[{low:.3f}, {high:.3f}]"]
         cells = (error.condition or "all", *figures, str(error.people))
-        rows.append(tuple(cell.replace("-", "−") for cell in cells))
+        rows.append(tuple(map(_write_minus, cells)))
     return PaperTable(
         "Error of the logarithm, ln(estimate / height)",
         ("Condition", "M", "95 % CI", "RMS", "95 % CI", "n"),
@@ -122,7 +122,7 @@ def _format_value(value: float, measure: Measure) -> str:
     size = value
     if not measure.is_logarithmic:
         size = value * _MICROMETRE
-    return f"{size:.2f}".replace("-", "−")
+    return _write_minus(f"{size:.2f}")
 
 
 def _tabulate_cells(measure: Measure) -> PaperTable:
@@ -188,12 +188,17 @@ def _write_pair(interval: Interval, measure: Measure) -> tuple[str, ...]:
         f"{interval.first} − {interval.second}",
         _format_value(interval.difference, measure),
         f"[{lower_bound}, {upper_bound}]",
-        f"t({format_df(interval.df)}) = {t:.2f}".replace("-", "−"),
+        _write_minus(f"t({format_df(interval.df)}) = {t:.2f}"),
         format_apa_p(interval.p).removeprefix("= "),
-        f"{interval.effect_size:.2f}".replace("-", "−"),
-        f"[{low:.2f}, {high:.2f}]".replace("-", "−"),
+        _write_minus(f"{interval.effect_size:.2f}"),
+        _write_minus(f"[{low:.2f}, {high:.2f}]"),
         f"{compute_bayes_factor(t, people):.3g}",
     )
+
+
+def _write_minus(text: str) -> str:
+    """Write hyphens before numbers as minus signs."""
+    return text.replace("-", "−")
 
 
 def format_markdown(tables: Sequence[PaperTable]) -> str:
