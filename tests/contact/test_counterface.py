@@ -51,6 +51,18 @@ RELIEVED = [
 ]
 
 
+# Expected values: from the wall of the tooth the floor falls by its slope times what it runs.
+@pytest.mark.parametrize(
+    ("opening", "run"),
+    [(62e-6, 62e-6), (90e-6, 62e-6), (30e-6, 30e-6)],
+    ids=["square", "bevelled", "lip"],
+)
+def test_the_floor_of_a_gap_falls_by_its_slope_over_its_width(opening, run):
+    x, z = Margin(62e-6, opening, 9e-6, depth=1e-3, fall=0.2).section(1e-3)
+    deepest = np.argmin(z)
+    assert (x[deepest], z[deepest]) == pytest.approx((run, -1e-3 - 0.2 * run), rel=1e-12)
+
+
 # Expected values: the exact dilation of the section, which knows no closed form.
 @pytest.mark.parametrize(
     "face", [*STEPS, *MARGINS, *RELIEVED, Groove(60e-6, 0.7), Groove(200e-6, 0.4)]
