@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ _LEAST_REMAINING = 2e-3
 _LEAST_MOVE = 1e-12  # length of a whitened direction below which an effect moves nothing
 _SINGULAR = 1e-8  # ratio of singular values below which constants move the same direction
 _STEP = 0.02  # of differences, in units of a parameter's scale
-BATCH = 16  # effects or shapes in one product of matrices: all of them would fill the memory
+_BATCH = 16  # effects or shapes in one product of matrices: all of them would fill the memory
 
 # slope of the prediction in the number by which a change moves every trial, and the column that a
 # law follows; by the change, the step, and the covariate where the model computes it
@@ -34,18 +35,19 @@ class Direction:
     effect : Law
     shape : Mapping[str, float]
         Values of its shape parameters.
-    basis : Floats
-        Shape (n c + q, k), of what the design can see of the effect beside the nominal model.
     root : Floats
-        Shape (a, k), from that basis to the amplitudes, in units of their scales.
+        Shape (a, k), from an orthonormal basis of what the design can see of the effect beside the
+        nominal model, to the amplitudes, in units of their scales.
+    along : Floats
+        Shape (k, m), projections of some vectors on that basis.
     one_sided : bool
         Whether its only amplitude has one sign.
     """
 
     effect: Law
     shape: Mapping[str, float]
-    basis: Floats
     root: Floats
+    along: Floats
     one_sided: bool
 
 
@@ -79,7 +81,11 @@ def compute_tangent(problem: Problem, base: Fit, effect: Law, shape: Mapping[str
 
 
 def compute_directions(
-    problem: Problem, base: Fit, effects: Sequence[Law], known: Floats
+    problem: Problem,
+    base: Fit,
+    effects: Sequence[Law],
+    known: Floats,
+    vectors: Floats | None = None,
 ) -> list[Direction]:
     """Find what the design sees of every effect and shape beside the constants of the model.
 
@@ -93,16 +99,215 @@ def compute_directions(
     effects : sequence of Law
     known : Floats
         Shape (n c + q, b), basis of the directions in which the constants move the prediction.
+    vectors : Floats, optional
+        Shape (n c + q, m), what is projected on the directions.
     """
+    view = _View.build(problem, known, vectors)
+    shaped = _list_shaped_laws(effects)
+    by_slope: dict[_SlopeKey, list[int]] = {}
+    others: list[int] = []
+    for number, member in enumerate(shaped):
+        if isinstance(member.law.apply, SizedChange):
+            by_slope.setdefault(_name_slope(problem, member.law), []).append(number)
+        else:
+            others.append(number)
+    slopes: _Slopes = {}
+    found: dict[int, Direction | None] = {}
+    for numbers in by_slope.values():
+        members = [shaped[number] for number in numbers]
+        directions = _span_sized_laws(problem, base, view, members, slopes)
+        found |= zip(numbers, directions, strict=True)
+    for first in range(0, len(others), _BATCH):
+        numbers = others[first : first + _BATCH]
+        members = [shaped[number] for number in numbers]
+        directions = _span_other_laws(problem, base, view, members)
+        found |= zip(numbers, directions, strict=True)
+    in_order = [found[number] for number in range(len(shaped))]
+    return [direction for direction in in_order if direction is not None]
+
+
+def compute_unit_changes(
+    problem: Problem, base: Fit, effects: Sequence[Law], known: Floats
+) -> dict[str, Floats]:
+    """Find the unit vectors along which laws of one amplitude and shape show, by their names.
+
+    A law that the constants imitate has none. Parameters are those of `compute_directions`.
+    """
+    slopes: _Slopes = {}
+    units = {}
+    for member in _list_shaped_laws(effects):
+        (change,) = _compute_changes(problem, base, member, slopes)
+        white = problem.noise.whiten(change)
+        length = float(np.linalg.norm(white))
+        if not length >= _LEAST_MOVE:
+            continue
+        remaining = np.concatenate([white / length, np.zeros(len(known) - len(white))])
+        remaining -= known @ (known.T @ remaining)
+        left = float(np.linalg.norm(remaining))
+        if left > _LEAST_REMAINING:
+            units[member.law.id] = remaining / left
+    return units
+
+
+def _list_shaped_laws(effects: Sequence[Law]) -> list[_ShapedLaw]:
+    """List every law at each of its shapes."""
     shaped = []
     for law in effects:
         for shape in law.shapes:
             shaped.append(_ShapedLaw(law, shape))
-    slopes: _Slopes = {}
-    directions: list[Direction] = []
-    for first in range(0, len(shaped), BATCH):
-        batch = shaped[first : first + BATCH]
-        directions += _compute_batch(problem, base, batch, known, slopes)
+    return shaped
+
+
+@dataclass(frozen=True)
+class _View:
+    """How a design sees changes of the prediction: beside errors that trials share and constants.
+
+    With ``y`` a change turned by the factors of each trial, whitening leaves ``y - B (1 - s) B' y``
+    of it, and the constants ``K`` imitate a part of that. All scores are made of inner products of
+    what remains. Those of many changes follow from the products of ``y`` with a few vectors; the
+    whitened changes themselves, each as long as all readings, are never needed.
+
+    Attributes
+    ----------
+    factors : Floats
+        Shape (n, c, c), see `Noise`.
+    shared : Floats
+        Shape (n, c, s), of which the squared products are what whitening takes off a square.
+    known : Floats
+        Shape (n, c, b), whose products are those of the whitened change with the constants.
+    vectors : Floats
+        Shape (n, c, m), whose products are those of what remains with the vectors.
+    """
+
+    factors: Floats
+    shared: Floats
+    known: Floats
+    vectors: Floats
+
+    @classmethod
+    def build(cls, problem: Problem, known: Floats, vectors: Floats | None) -> "_View":
+        """Build the view of a problem; see `compute_directions`."""
+        noise = problem.noise
+        shape = (*problem.trials.values.shape, -1)
+        count = problem.trials.values.size
+        if vectors is None:
+            vectors = np.zeros((len(known), 0))
+        beside = vectors[:count] - known[:count] @ (known.T @ vectors)
+        return cls(
+            factors=noise.factors,
+            shared=(noise.basis * np.sqrt(1.0 - noise.shrink**2)).reshape(shape),
+            known=noise.shrink_shared(known[:count]).reshape(shape),
+            vectors=noise.shrink_shared(beside).reshape(shape),
+        )
+
+    def turn(self, change: Floats) -> Floats:
+        """Turn changes of shape (n, c, k) by the factors of each trial; what is missing is zero."""
+        return np.asarray(self.factors @ np.where(np.isfinite(change), change, 0.0))
+
+    def see(self, turned: Floats) -> "_Seen":
+        """Find the inner products of turned changes of shape (n, c, k)."""
+        flat = turned.reshape(-1, turned.shape[2])
+
+        def multiply(rows: Floats) -> Floats:
+            return np.asarray(rows.reshape(len(flat), -1).T @ flat)
+
+        return self._combine(flat.T @ flat, multiply)
+
+    def see_sized(self, turned: Floats, sizes: Floats) -> "_Seen":
+        """Find the inner products of changes by one number per trial.
+
+        Parameters
+        ----------
+        turned : Floats
+            Shape (n, c), turned slope in the number.
+        sizes : Floats
+            Shape (n, k), numbers of each change.
+        """
+        square = np.sum(turned**2, axis=1)
+
+        def multiply(rows: Floats) -> Floats:
+            of_trials = (turned[:, None, :] @ rows)[:, 0]
+            return np.asarray(of_trials.T @ sizes)
+
+        return self._combine((sizes * square[:, None]).T @ sizes, multiply)
+
+    def _combine(self, own: Floats, multiply: Callable[[Floats], Floats]) -> "_Seen":
+        """Combine the products of changes with themselves and with the vectors of the view."""
+        shared, known = multiply(self.shared), multiply(self.known)
+        whitened = own - shared.T @ shared
+        return _Seen(whitened, whitened - known.T @ known, multiply(self.vectors).T)
+
+
+class _Seen(NamedTuple):
+    """Inner products of k changes, whitened.
+
+    Attributes
+    ----------
+    whitened : Floats
+        Shape (k, k), of the changes.
+    remaining : Floats
+        Shape (k, k), of what of them the constants do not imitate.
+    along : Floats
+        Shape (k, m), of what remains with the vectors of a view.
+    """
+
+    whitened: Floats
+    remaining: Floats
+    along: Floats
+
+
+def _span_sized_laws(
+    problem: Problem, base: Fit, view: _View, members: Sequence[_ShapedLaw], slopes: _Slopes
+) -> list[Direction | None]:
+    """Find the directions of laws that share a slope; see `compute_directions`."""
+    sizes = []
+    for member in members:
+        slope, of_law = _find_sizes(problem, base, member, slopes)
+        sizes.append(of_law)
+    turned = view.turn(slope[:, :, None])[:, :, 0]
+    together = np.concatenate(sizes, axis=1)
+    seen = view.see_sized(turned, np.where(np.isfinite(together), together, 0.0))
+    return _span_directions(members, [of_law.shape[1] for of_law in sizes], seen)
+
+
+def _span_other_laws(
+    problem: Problem, base: Fit, view: _View, members: Sequence[_ShapedLaw]
+) -> list[Direction | None]:
+    """Find the directions of laws that change a state in their own way."""
+    changes: list[Floats] = []
+    widths = []
+    for member in members:
+        of_law = _compute_changes(problem, base, member, {})
+        changes += of_law
+        widths.append(len(of_law))
+    seen = view.see(view.turn(np.stack(changes, axis=2)))
+    return _span_directions(members, widths, seen)
+
+
+def _span_directions(
+    members: Sequence[_ShapedLaw], widths: Sequence[int], seen: _Seen
+) -> list[Direction | None]:
+    """Build the directions of laws from the inner products of their changes side by side.
+
+    `widths` are the numbers of amplitudes. The direction is None where the constants imitate a law.
+    """
+    lengths = np.sqrt(np.maximum(np.diagonal(seen.whitened), 0.0))
+    directions: list[Direction | None] = []
+    first = 0
+    for member, width in zip(members, widths, strict=True):
+        part = slice(first, first + width)
+        first += width
+        length = lengths[part]
+        to_basis = None
+        if width and np.all(length >= _LEAST_MOVE):
+            to_basis = _find_basis(seen.remaining[part, part] / np.outer(length, length))
+        if to_basis is None:
+            directions.append(None)
+            continue
+        root = to_basis / length[:, None]
+        along = root.T @ seen.along[part]
+        one_sided = _is_one_sided(member.law)
+        directions.append(Direction(member.law, member.shape, root, along, one_sided))
     return directions
 
 
@@ -114,137 +319,74 @@ def _compute_changes(
     `slopes` keeps the slopes that are known.
     """
     effect = shaped.law
-    neutral = list_starts(effect.parameters) | dict(shaped.shape)
-    amplitudes = effect.amplitude_parameters
     if isinstance(effect.apply, SizedChange):
-        step = _STEP * amplitudes[0].scale
-        slope, column = _find_size_slope(problem, base, effect, neutral, step, slopes)
-        changes = []
-        for p in amplitudes:
-            size = effect.apply.size(column, neutral | {p.name: p.start + p.scale})
-            changes.append(slope * size[:, None])
-        return changes
+        slope, sizes = _find_sizes(problem, base, shaped, slopes)
+        return [slope * size[:, None] for size in sizes.T]
+    neutral = list_starts(effect.parameters) | dict(shaped.shape)
     effects = [*base.effects, effect]
     values = base.values | effect.name_values(neutral)
     changes = []
-    for p in amplitudes:
+    for p in effect.amplitude_parameters:
         moved = values | {effect.name_in_fit(p.name): p.start + _STEP * p.scale}
         changes.append((problem.predict(effects, moved) - base.predicted) / _STEP)
     return changes
 
 
-def _find_size_slope(
-    problem: Problem,
-    base: Fit,
-    effect: Law,
-    neutral: Mapping[str, float],
-    step: float,
-    slopes: _Slopes,
-) -> tuple[Floats, NDArray[np.generic]]:
+def _find_sizes(
+    problem: Problem, base: Fit, shaped: _ShapedLaw, slopes: _Slopes
+) -> tuple[Floats, Floats]:
     """Find the slope of the prediction in the number by which a law changes each trial.
 
     What a trial shows depends on its own state alone, so that laws which change the state alike
     share the slope, which `slopes` keeps.
 
-    Parameters
-    ----------
-    problem : Problem
-    base : Fit
-    effect : Law
-        Its `apply` is a `SizedChange`.
-    neutral : Mapping[str, float]
-        Values of its parameters at which it changes nothing.
-    step : float
-        Of the difference, in the unit of the number.
-    slopes : dict
-
     Returns
     -------
     slope : array of shape (n, c)
-    column : array
-        What the law follows.
+    sizes : array of shape (n, a)
+        That number per unit of each amplitude.
     """
-    apply = effect.apply
+    law = shaped.law
+    apply = law.apply
     assert isinstance(apply, SizedChange)
-    column = problem.trials.covariates.get(effect.covariate)
-    key = apply.change, step, ""
-    if column is None:
-        # only a law that follows it sees what the model computes
-        key = apply.change, step, effect.covariate
+    neutral = list_starts(law.parameters) | dict(shaped.shape)
+    key = _name_slope(problem, law)
     if key not in slopes:
-        effects = [*base.effects, effect]
-        values = base.values | effect.name_values(neutral)
+        effects = [*base.effects, law]
+        values = base.values | law.name_values(neutral)
+        step = key[1]
         slopes[key] = differentiate_size(problem, effects, values, apply, base.predicted, step)
     slope, followed = slopes[key]
-    if column is None:
-        column = followed
-    return slope, column
+    column = problem.trials.covariates.get(law.covariate, followed)
+    sizes = []
+    for p in law.amplitude_parameters:
+        sizes.append(apply.size(column, neutral | {p.name: p.start + p.scale}))
+    return slope, np.stack(sizes, axis=1)
 
 
-def _compute_batch(
-    problem: Problem, base: Fit, batch: Sequence[_ShapedLaw], known: Floats, slopes: _Slopes
-) -> list[Direction]:
-    """Find the directions of some laws in one product of matrices; see `compute_directions`."""
-    changes = []
-    columns = []
-    for shaped in batch:
-        of_law = _compute_changes(problem, base, shaped, slopes)
-        changes.append(of_law)
-        columns += of_law
-    if not columns:
-        return []
-    white = problem.noise.whiten(np.stack(columns, axis=2))
-    length = np.linalg.norm(white, axis=0)
-    moves = np.all(np.isfinite(white), axis=0) & (length >= _LEAST_MOVE)
-    scaled = np.where(moves, white / np.where(moves, length, 1.0), 0.0)
-    prior_rows = np.zeros((known.shape[0] - len(white), white.shape[1]))
-    remaining = np.vstack([scaled, prior_rows])
-    remaining -= known @ (known.T @ remaining)
-    directions = []
-    first = 0
-    for shaped, of_law in zip(batch, changes, strict=True):
-        part = slice(first, first + len(of_law))
-        first += len(of_law)
-        if not of_law or not np.all(moves[part]):
-            continue
-        direction = _span_direction(shaped, remaining[:, part], length[part])
-        if direction is not None:
-            directions.append(direction)
-    return directions
-
-
-def _span_direction(shaped: _ShapedLaw, remaining: Floats, length: Floats) -> Direction | None:
-    """Build the direction of a law, or None where the constants imitate it.
-
-    Parameters
-    ----------
-    shaped : _ShapedLaw
-    remaining : Floats
-        Shape (n c + q, a), unit changes per amplitude less what the constants imitate.
-    length : Floats
-        Shape (a,), of the whitened changes.
-    """
-    to_basis = _find_basis(remaining)
-    if to_basis is None:
-        return None
-    return Direction(
-        effect=shaped.law,
-        shape=shaped.shape,
-        basis=remaining @ to_basis,
-        root=to_basis / length[:, None],
-        one_sided=_is_one_sided(shaped.law),
-    )
+def _name_slope(problem: Problem, law: Law) -> _SlopeKey:
+    """Name the slope that a law shares with others which change the state alike."""
+    apply = law.apply
+    assert isinstance(apply, SizedChange)
+    step = _STEP * law.amplitude_parameters[0].scale
+    if law.covariate in problem.trials.covariates:
+        return apply.change, step, ""
+    # only a law that follows it sees what the model computes
+    return apply.change, step, law.covariate
 
 
 def _find_basis(remaining: Floats) -> Floats | None:
     """Find the combinations of changes, shape (a, k), that make orthonormal columns of them.
 
-    The result is None where nothing of the changes remains.
+    `remaining` are their inner products, shape (a, a), each change of unit length before the
+    constants took their part of it. The result is None where nothing of the changes remains.
     """
-    if remaining.shape[1] == 1:
-        length = np.linalg.norm(remaining)
-        return np.array([[1.0 / length]]) if length > _LEAST_REMAINING else None
-    squared, turn = np.linalg.eigh(remaining.T @ remaining)
+    if len(remaining) == 1:
+        squared_length = float(remaining[0, 0])
+        if not squared_length > _LEAST_REMAINING**2:
+            return None
+        return np.array([[squared_length**-0.5]])
+    squared, turn = np.linalg.eigh(remaining)
     squared, turn = squared[::-1], turn[:, ::-1]
     kept = squared > _LEAST_REMAINING**2
     if not np.any(kept):

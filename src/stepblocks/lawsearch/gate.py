@@ -10,7 +10,6 @@ import numpy as np
 from scipy import stats
 
 from stepblocks.lawsearch.directions import (
-    BATCH,
     Direction,
     build_tangent_basis,
     compute_directions,
@@ -92,22 +91,23 @@ def score_candidates(
     alpha : float
         Chance of a false alarm at which the gate opens.
     """
+    vectors = np.concatenate([base.residual, base.departure])[:, None]
+    if draws:
+        vectors = np.hstack([vectors, _draw_noise(problem, base, draws, seed)])
     known = build_tangent_basis(base)
-    directions = compute_directions(problem, base, effects, known)
+    directions = compute_directions(problem, base, effects, known, vectors)
     if not directions:
         # what would open the gate of one candidate
         return Gate(1.0, (), float(stats.chi2.isf(alpha, 1)))
-    observed = np.concatenate([base.residual, base.departure])
-    observed -= known @ (known.T @ observed)
     dof = float(max(problem.noise.scatter.dof, _LEAST_FREEDOM))
     variance = _estimate_variance(base.residual)
-    freedom = np.array([d.basis.shape[1] for d in directions], dtype=float)
-    gains, projected = _compute_gains(directions, observed[:, None])
-    log_p = _compute_log_p(gains / variance, freedom, dof)[:, 0]
-    scores = _keep_best_scores(directions, log_p, gains[:, 0], projected)
+    freedom = np.array([len(direction.along) for direction in directions], dtype=float)
+    gains = _compute_gains(directions)
+    observed, null = gains[:, 0], gains[:, 1:]
+    log_p = _compute_log_p(observed[:, None] / variance, freedom, dof)[:, 0]
+    scores = _keep_best_scores(directions, log_p, observed)
     if not draws:
         return Gate(1.0, scores)
-    null, _ = _compute_gains(directions, _draw_noise(problem, base, draws, seed))
     # among directions of equal freedom the least p of a draw is that of the largest gain
     kinds = np.unique(freedom)
     largest = []
@@ -129,52 +129,36 @@ def _estimate_variance(residual: Floats) -> float:
 
 
 def _keep_best_scores(
-    directions: Sequence[Direction], log_p: Floats, gains: Floats, projected: Sequence[Floats]
+    directions: Sequence[Direction], log_p: Floats, gains: Floats
 ) -> tuple[Score, ...]:
     """Score each effect at the shape that does best, best effects first.
 
     Parameters
     ----------
     directions : sequence of Direction
+        The observed residual is the first vector along them.
     log_p, gains : Floats
         Shape (d,).
-    projected : sequence of Floats
-        Observed residual along the basis of each direction, each of shape (k, 1).
     """
     best: dict[str, Score] = {}
-    rows = zip(directions, log_p.tolist(), gains.tolist(), projected, strict=True)
-    for direction, own_log_p, gain, along in rows:
+    rows = zip(directions, log_p.tolist(), gains.tolist(), strict=True)
+    for direction, own_log_p, gain in rows:
         effect = direction.effect
         improves = effect.id not in best or own_log_p < best[effect.id].log_p
         if not improves:
             continue
-        step = direction.root @ along[:, 0]
+        step = direction.root @ direction.along[:, 0]
         best[effect.id] = Score(effect, direction.shape, own_log_p, gain, step)
     return tuple(sorted(best.values(), key=lambda score: score.log_p))
 
 
-def _compute_gains(directions: Sequence[Direction], vectors: Floats) -> tuple[Floats, list[Floats]]:
-    """Compute the gains of all directions on vectors of shape (n c + q, m).
-
-    Returns
-    -------
-    gains : array of shape (d, m)
-    projected : list of arrays
-        Projections on each direction, each of shape (k, m).
-    """
-    projected: list[Floats] = []
-    for first in range(0, len(directions), BATCH):
-        bases = [direction.basis for direction in directions[first : first + BATCH]]
-        widths = [basis.shape[1] for basis in bases]
-        ends = np.cumsum(widths[:-1])
-        projected += np.split(np.concatenate(bases, axis=1).T @ vectors, ends)
-    gains = []
-    for direction, along in zip(directions, projected, strict=True):
-        gain = np.sum(along**2, axis=0)
+def _compute_gains(directions: Sequence[Direction]) -> Floats:
+    """Compute what each of the m vectors would gain along each direction, shape (d, m)."""
+    gains = np.stack([np.sum(direction.along**2, axis=0) for direction in directions])
+    for direction, gain in zip(directions, gains, strict=True):
         if direction.one_sided:
-            gain *= (direction.root[0] @ along) > 0.0
-        gains.append(gain)
-    return np.stack(gains), projected
+            gain *= (direction.root[0] @ direction.along) > 0.0
+    return gains
 
 
 def _compute_log_p(gains: Floats, freedom: Floats, noise_dof: float) -> Floats:

@@ -9,8 +9,8 @@ import numpy as np
 
 from stepblocks.lawsearch.directions import (
     build_tangent_basis,
-    compute_directions,
     compute_tangent,
+    compute_unit_changes,
 )
 from stepblocks.lawsearch.forward_model import Floats
 from stepblocks.lawsearch.law import Law
@@ -57,9 +57,7 @@ def compare_directions(problem: Problem, base: Fit, effects: Sequence[Law]) -> I
             middle = law.shapes[len(law.shapes) // 2]
             compared.append(replace(law, shapes=(middle,)))
     known = build_tangent_basis(base)
-    directions = {}
-    for direction in compute_directions(problem, base, compared, known):
-        directions[direction.effect.id] = direction.basis[:, 0]
+    directions = compute_unit_changes(problem, base, compared, known)
     imitated: dict[str, tuple[str, ...]] = {}
     for law in compared:
         if law.id in directions:

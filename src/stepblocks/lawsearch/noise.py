@@ -41,6 +41,10 @@ class Noise:
         filled = np.where(np.isfinite(residual), residual, 0.0)
         tail = filled.shape[2:]
         white = np.matmul(self.factors, filled.reshape(*filled.shape[:2], -1)).reshape(-1, *tail)
+        return self.shrink_shared(white)
+
+    def shrink_shared(self, white: Floats) -> Floats:
+        """Shrink what lies along the common errors; vectors of shape (n c,) or (n c, p)."""
         along = self.basis.T @ white
         weight = 1.0 - self.shrink
         if white.ndim > 1:
