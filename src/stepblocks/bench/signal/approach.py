@@ -205,13 +205,21 @@ def _build_approach_columns(time: Array, since: Array, clock: Clock) -> Array:
 
     `since` is the time since the onset, zero before it in a fit; the result has shape (n, 5 or 7).
     """
-    level = np.ones_like(time)
-    drift = time - clock.center
-    hum = build_wave_columns(time, clock.mains)
-    columns = [level, drift, since, hum]
+    return _insert_ramp(_build_sliding_columns(time, clock), since, clock)
+
+
+def _build_sliding_columns(time: Array, clock: Clock) -> Array:
+    """Return the columns of level, drift and hum, shape (n, 4)."""
+    lines = np.stack([np.ones_like(time), time - clock.center]).T
+    return np.hstack([lines, build_wave_columns(time, clock.mains)])
+
+
+def _insert_ramp(sliding: Array, since: Array, clock: Clock) -> Array:
+    """Insert the slope after level and drift, and append what bends it."""
+    columns = [sliding[:, :_SLOPE], since[:, None], sliding[:, _SLOPE:]]
     if clock.bent:
         columns.append(_build_bend_columns(since))
-    return np.column_stack(columns)
+    return np.hstack(columns)
 
 
 def _build_bend_columns(since: Array) -> Array:
@@ -293,16 +301,18 @@ def _fit_sliding_and_ramp(
     duration = float(time[-1]) - onset
     reach = max(0.25 * duration, 5.0 * float(np.median(np.diff(time))))
 
+    sliding = _build_sliding_columns(time, clock)
+
     def build_columns(shape: Array) -> Array:
         since = np.maximum(time - float(shape[0]), 0.0)
-        return _build_approach_columns(time, since, clock)
+        return _insert_ramp(sliding, since, clock)
 
     def build_ringing_columns(shape: Array) -> Array:
         onset, frequency, decay_time = shape
         since = time - time[0]
         decay = np.where(time < onset, np.exp(-since / decay_time), 0.0)
         ring = decay[:, None] * build_wave_columns(since, float(frequency))
-        return np.column_stack([build_columns(shape), ring])
+        return np.hstack([build_columns(shape), ring])
 
     start = np.array([onset])
     fit = fit_separable(

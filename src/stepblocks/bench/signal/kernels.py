@@ -21,14 +21,14 @@ _NO_MODEL = 1e6  # force where there is no model, which a fit sees by its size [
 
 @njit(cache=True, error_model="numpy")
 def integrate_swing(
-    count: int, tool: tuple[float, float, float], about: float, begin: float, at_rest: float
+    time: Array, tool: tuple[float, float, float], about: float, begin: float, at_rest: float
 ) -> Array:
     """Integrate the swing of a tool with ``F = u + g u^3`` that is let go.
 
     Parameters
     ----------
-    count : int
-        Number of steps of `FINE_STEP`.
+    time : Array
+        Shape (n,), instants from 0 on [s].
     tool : tuple of float
         Pulsation [rad/s], decay time [s], and g.
     about : float
@@ -39,20 +39,29 @@ def integrate_swing(
     Returns
     -------
     Array
-        Shape (count, 2), force over its level and its rate.
+        Shape (2, n), force over its level and its rate, on straight lines between the steps.
     """
     omega, decay, cubic = tool
-    result = np.empty((count, 2))
+    count = int(time.max() / FINE_STEP) + 2
+    force = np.empty(count)
+    rate = np.empty(count)
     kick = 0.5 * FINE_STEP * omega**2
     shrink = math.exp(-FINE_STEP / decay)
     u = at_rest + begin
     v = -begin / decay
     for n in range(count):
         over = u + cubic * u**3 - about
-        result[n, 0] = over
-        result[n, 1] = (1.0 + 3.0 * cubic * u**2) * v
+        force[n] = over
+        rate[n] = (1.0 + 3.0 * cubic * u**2) * v
         u += FINE_STEP * (v * shrink - kick * over)
         v = (v * shrink - kick * over - kick * (u + cubic * u**3 - about)) * shrink
+    result = np.empty((2, time.size))
+    for i in range(time.size):
+        steps = time[i] / FINE_STEP
+        n = int(steps)
+        share = steps - n
+        result[0, i] = force[n] + share * (force[n + 1] - force[n])
+        result[1, i] = rate[n] + share * (rate[n + 1] - rate[n])
     return result
 
 
@@ -127,6 +136,31 @@ def compute_rubbing(
     # not-a-number, or a tip that chatters without end
     result[done:] = _NO_MODEL
     return result
+
+
+@njit(cache=True, error_model="numpy")
+def compute_drifting_rubbing(time: Array, values: Array, slope: float) -> Array:
+    """Compute the force of the seven values of a `RubbingRing`, shape (n,); see there."""
+    level, gap, frequency, decay, offset, rate, drift = values
+    force = compute_rubbing(time, (level, gap), (frequency, decay), (level + offset, rate), slope)
+    return force + drift * time
+
+
+@njit(cache=True, error_model="numpy")
+def differentiate_drifting_rubbing(time: Array, values: Array, steps: Array, slope: float) -> Array:
+    """Find the slopes of `compute_drifting_rubbing` by differences, shape (7, n).
+
+    `steps` are those of the values, shape (7,). The last value is the drift, a line.
+    """
+    slopes = np.empty((values.size, time.size))
+    force = compute_drifting_rubbing(time, values, slope)
+    moved = values.copy()
+    for place in range(values.size - 1):
+        moved[place] = values[place] + steps[place]
+        slopes[place] = (compute_drifting_rubbing(time, moved, slope) - force) / steps[place]
+        moved[place] = values[place]
+    slopes[-1] = time
+    return slopes
 
 
 @njit(cache=True, error_model="numpy")

@@ -7,6 +7,7 @@ overtones.
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from stepblocks.bench.signal.separable import (
     build_wave_columns,
     compute_misfit,
     compute_numeric_jacobian,
+    differentiate_damped_wave,
     fit_separable,
     guess_ring,
     propagate_std,
@@ -34,6 +36,9 @@ _CLOSER = 0.05  # share of the misfit of the cosine, likewise
 # places in the shape of a fit
 _FREQUENCY, _DECAY_TIME = range(2)
 _RELEASE_WEIGHT = 4  # of the decay of the release, after level, drift and hum
+# after it, of a gauge that bends
+_OVERTONE_LEVEL = 5
+_OCTAVE = slice(6, 8)
 _RING_WEIGHTS = slice(-2, None)  # cosine and sine
 _PARAMETERS_OF_COSINE = 3  # in its shape
 
@@ -76,13 +81,17 @@ class RingBasis:
             Shape (n, p): level, drift, hum on the clock of the record (2), release, overtones of a
             gauge that bends (3), ring (2).
         """
+        return np.hstack([self.build_steady_columns(since), self.build_dying_columns(since, shape)])
+
+    def build_steady_columns(self, since: Array) -> Array:
+        """Return level, drift and hum, shape (n, 4), whatever the shape of the ring."""
+        lines = np.stack([np.ones_like(since), since]).T
+        return np.hstack([lines, build_wave_columns(since + self.origin, self.mains)])
+
+    def build_dying_columns(self, since: Array, shape: Array) -> Array:
+        """Return release, overtones of a gauge that bends, and ring, shape (n, 3 or 6)."""
         frequency, decay_time, release_decay, *cubic = shape.tolist()
-        columns = [
-            np.ones_like(since),
-            since,
-            build_wave_columns(since + self.origin, self.mains),
-            np.exp(-since / release_decay),
-        ]
+        columns = [np.exp(-since / release_decay)[:, None]]
         if self.is_bent:
             columns.append(_build_overtones(since, shape))
         if cubic:
@@ -90,7 +99,29 @@ class RingBasis:
             columns.append(tool.build_columns(since, self.about))
         else:
             columns.append(build_damped_wave_columns(since, frequency, decay_time))
-        return np.column_stack(columns)
+        return np.hstack(columns)
+
+    def differentiate_cosine(
+        self, since: Array, shape: Array, columns: Array, weights: Array
+    ) -> Array:
+        """Find the slopes of a weighted sum of columns in the shape of a cosine, shape (n, 3).
+
+        `columns` and `weights` are those of `build_columns` at `shape`; weights stay.
+        """
+        _, decay_time, release_decay = shape.tolist()
+        release = columns[:, _RELEASE_WEIGHT] * weights[_RELEASE_WEIGHT]
+        of_release = since / release_decay**2 * release
+        of_frequency, of_decay_time = differentiate_damped_wave(
+            since, decay_time, columns[:, _RING_WEIGHTS], weights[_RING_WEIGHTS]
+        )
+        if self.is_bent:
+            level = columns[:, _OVERTONE_LEVEL] * weights[_OVERTONE_LEVEL]
+            of_octave, of_its_decay_time = differentiate_damped_wave(
+                since, 0.5 * decay_time, columns[:, _OCTAVE], weights[_OCTAVE]
+            )
+            of_frequency += 2.0 * of_octave
+            of_decay_time += 2.0 * since / decay_time**2 * level + 0.5 * of_its_decay_time
+        return np.stack([of_frequency, of_decay_time, of_release]).T
 
 
 @dataclass(frozen=True)
@@ -123,6 +154,11 @@ class Ring:
     def origin(self) -> float:
         """Instant that the fit counts from [s]."""
         return self.basis.origin
+
+    @property
+    def cosine_shape(self) -> Array:
+        """Shape (3,) of a cosine: without what hardening adds."""
+        return self.fit.shape[:_PARAMETERS_OF_COSINE]
 
     def compute_curve(self, time: Array) -> Array:
         """Return the whole fit [N] at the instants `time`."""
@@ -167,7 +203,14 @@ class Ring:
         return np.asarray(columns @ self.fit.weights, dtype=float)
 
 
-def fit_cosine(time: Array, force: Array, origin: float, mains: float, noise: float) -> Ring:
+def fit_cosine(
+    time: Array,
+    force: Array,
+    origin: float,
+    mains: float,
+    noise: float,
+    start: Array | None = None,
+) -> Ring:
     """Fit a damped cosine to the samples after a slip.
 
     Parameters
@@ -180,9 +223,12 @@ def fit_cosine(time: Array, force: Array, origin: float, mains: float, noise: fl
         Mains frequency [Hz].
     noise : float
         Standard deviation of a sample [N].
+    start : Array, optional
+        Shape (3,), where the fit begins: a shape as `RingBasis.build_columns` takes it.
     """
-    frequency, decay_time = guess_ring(time, force)
-    start = np.array([frequency, decay_time, _USUAL_RELEASE_DECAY])
+    if start is None:
+        frequency, decay_time = guess_ring(time, force)
+        start = np.array([frequency, decay_time, _USUAL_RELEASE_DECAY])
     return _fit_damped(time, force, RingBasis(origin, mains), noise, start)
 
 
@@ -230,13 +276,18 @@ def _fit_damped(time: Array, force: Array, basis: RingBasis, noise: float, start
     upper = np.array([1.15 * frequency, 1.0, _MOST_RELEASE_DECAY, 3.0])
     scale = np.array([1.0, 5e-3, 1e-4, 0.05])
     since = time - basis.origin
+    steady = basis.build_steady_columns(since)
+    slopes = None
+    if count == _PARAMETERS_OF_COSINE:
+        slopes = partial(basis.differentiate_cosine, since)
     fit = fit_separable(
-        lambda shape: basis.build_columns(since, shape),
+        lambda shape: np.hstack([steady, basis.build_dying_columns(since, shape)]),
         force,
         start=start,
         lower=lower[:count],
         upper=upper[:count],
         scale=scale[:count],
+        slopes=slopes,
     )
     begin = int(np.searchsorted(time, basis.origin + BEGIN))
     misfit = compute_misfit(fit.residuals, count + fit.weights.size, begin, noise)
@@ -258,7 +309,7 @@ def _build_overtones(since: Array, shape: Array) -> Array:
     frequency, decay_time = shape[:2].tolist()
     level = np.exp(-2.0 * since / decay_time)
     octave = build_damped_wave_columns(since, 2.0 * frequency, 0.5 * decay_time)
-    return np.column_stack([level, octave])
+    return np.hstack([level[:, None], octave])
 
 
 @dataclass(frozen=True)
@@ -284,17 +335,14 @@ class _HardeningTool:
 
         `about` is the level in units of the amplitude; the result has shape (n, 2).
         """
-        from stepblocks.bench.signal.kernels import FINE_STEP, integrate_swing
+        from stepblocks.bench.signal.kernels import integrate_swing
 
         at_rest = compute_softened_force(about, self.cubic)
         at_release = compute_softened_force(about + 1.0, self.cubic)
         softening = math.sqrt(1.0 + 3.0 * self.cubic * at_rest**2)
         omega = 2.0 * math.pi * self.frequency / softening
         time = np.abs(since)  # a little before the release the same as after it
-        count = int(float(time.max()) / FINE_STEP) + 2
         tool = (omega, self.decay_time, self.cubic)
-        swing = integrate_swing(count, tool, about, at_release - at_rest, at_rest)
-        clock = FINE_STEP * np.arange(count)
-        force = np.interp(time, clock, swing[:, 0])
-        rate = np.interp(time, clock, swing[:, 1]) * np.sign(since)
-        return np.column_stack([force, rate / (-2.0 * math.pi * self.frequency)])
+        force, rate = integrate_swing(time, tool, about, at_release - at_rest, at_rest)
+        rate *= np.sign(since)
+        return np.stack([force, rate / (-2.0 * math.pi * self.frequency)]).T

@@ -140,10 +140,9 @@ def compute_rubbing_force(
 
 def _compute_rubbing_with_drift(values: Array, time: Array, slope: float) -> Array:
     """Return the force of `values` of a `RubbingRing`, shape (n,) [N]."""
-    level, gap, frequency, decay_time, offset, rate, drift = values
-    tool = Tool(frequency, decay_time)
-    force = compute_rubbing_force(time, level, gap, tool, (level + offset, rate), slope)
-    return np.asarray(force + drift * time, dtype=float)
+    from stepblocks.bench.signal.kernels import compute_drifting_rubbing
+
+    return np.asarray(compute_drifting_rubbing(time, values, slope), dtype=float)
 
 
 def fit_rubbing_ring(
@@ -299,13 +298,10 @@ class _RubbingProblem:
 
     def _differentiate(self, values: Array) -> Array:
         """Return the slopes of `_compute_residuals`, shape (n + 2, 7)."""
-        force = self._compute_force(values)
-        slopes = []
-        for step in np.diag(_STEP * _SCALE)[:-1]:
-            change = self._compute_force(values + step) - force
-            slopes.append(change / step.max())
-        slopes.append(self.since)  # the drift is a line
-        return np.vstack([np.column_stack(slopes), self._build_rows_of_tool()])
+        from stepblocks.bench.signal.kernels import differentiate_drifting_rubbing
+
+        slopes = differentiate_drifting_rubbing(self.since, values, _STEP * _SCALE, self.slope)
+        return np.vstack([slopes.T, self._build_rows_of_tool()])
 
     def _build_rows_of_tool(self) -> Array:
         """Return the slopes of the misses of the tool, shape (2, 7)."""

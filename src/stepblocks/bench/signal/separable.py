@@ -72,6 +72,7 @@ def fit_separable(
     lower: Array,
     upper: Array,
     scale: Array,
+    slopes: Callable[[Array, Array, Array], Array] | None = None,
 ) -> SeparableFit:
     """Fit ``values = basis(shape) @ weights``.
 
@@ -85,6 +86,9 @@ def fit_separable(
         Shape (q,), where the search for a shape begins and its bounds.
     scale : Array
         Shape (q,), steps in which the shape moves.
+    slopes : callable, optional
+        From a shape (q,), its columns (n, p) and weights (p,), which stay, to the slopes (n, q) of
+        their product in the shape; found by differences where omitted.
     """
     from scipy.optimize import least_squares
 
@@ -102,12 +106,11 @@ def fit_separable(
         # the columns as a shape moves them, less what their own weights take up at once
         # (Kaufman 1975, doi:10.1007/bf01932995)
         fit = solve(shape.tobytes())
-        step = np.where(shape + _STEP * scale > upper, -_STEP, _STEP) * scale
-        changes = []
-        for move in np.diag(step):
-            changes.append((basis(shape + move) - fit.columns) @ fit.weights)
-        slopes = np.stack(changes, axis=1) / step
-        _, remainder = fit_linear(fit.columns, slopes, rcond=_RANK_OF_SEARCH)
+        if slopes is not None:
+            moved = slopes(shape, fit.columns, fit.weights)
+        else:
+            moved = _differentiate_once(basis, shape, fit, scale, upper)
+        _, remainder = fit_linear(fit.columns, moved, rcond=_RANK_OF_SEARCH)
         return -remainder
 
     search = least_squares(
@@ -126,8 +129,11 @@ def fit_separable(
     def compute_model(shape: Array) -> Array:
         return np.asarray(basis(shape) @ fit.weights, dtype=float)
 
-    slopes = compute_numeric_jacobian(compute_model, shape, scale * 1e-4, lower, upper)
-    jacobian = np.column_stack([slopes, fit.columns])
+    if slopes is not None:
+        of_shape = slopes(shape, fit.columns, fit.weights)
+    else:
+        of_shape = compute_numeric_jacobian(compute_model, shape, scale * 1e-4, lower, upper)
+    jacobian = np.column_stack([of_shape, fit.columns])
     covariance = estimate_covariance(jacobian, fit.residuals)
     return SeparableFit(shape, fit.weights, covariance, fit.residuals, jacobian)
 
@@ -138,6 +144,17 @@ class _LinearFit(NamedTuple):
     columns: Array
     weights: Array
     residuals: Array
+
+
+def _differentiate_once(
+    basis: Callable[[Array], Array], shape: Array, fit: _LinearFit, scale: Array, upper: Array
+) -> Array:
+    """Find the slopes of a fit in its shape by one difference each, which stays below `upper`."""
+    step = np.where(shape + _STEP * scale > upper, -_STEP, _STEP) * scale
+    changes = []
+    for move in np.diag(step):
+        changes.append((basis(shape + move) - fit.columns) @ fit.weights)
+    return np.stack(changes, axis=1) / step
 
 
 def fit_linear(columns: Array, values: Array, rcond: float | None = None) -> tuple[Array, Array]:
@@ -168,10 +185,24 @@ def build_damped_wave_columns(time: Array, frequency: float, decay_time: float) 
     return np.asarray(decay * build_wave_columns(time, frequency), dtype=float)
 
 
+def differentiate_damped_wave(
+    time: Array, decay_time: float, columns: Array, weights: Array
+) -> tuple[Array, Array]:
+    """Find the slopes of a damped wave in its frequency and in its decay time, shapes (n,).
+
+    `columns` are those of `build_damped_wave_columns`, `weights` (2,) those of the wave.
+    """
+    cosine, sine = weights
+    quadrature = columns @ np.array([sine, -cosine])
+    of_frequency = 2.0 * np.pi * time * quadrature
+    of_decay_time = time / decay_time**2 * (columns @ weights)
+    return of_frequency, of_decay_time
+
+
 def build_wave_columns(time: Array, frequency: float) -> Array:
     """Columns of a cosine and a sine."""
     phase = 2.0 * np.pi * frequency * time
-    return np.column_stack([np.cos(phase), np.sin(phase)])
+    return np.stack([np.cos(phase), np.sin(phase)]).T
 
 
 def guess_ring(time: Array, values: Array) -> Tool:
