@@ -1,6 +1,7 @@
 """Choice among candidates: full fits of those that score best, and the rivals of the best fit."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -217,7 +218,8 @@ def _try_further_places(problem: Problem, found: Fit, effect: Law) -> Fit:
     order = np.argsort(np.round(costs, _COST_DIGITS), kind="stable")
     fits = [found]
     for i in order[1:_PLACES_TRIED]:
-        fits.append(fit(problem, found.effects, starts[i], _EVALUATIONS))
+        with suppress(HopelessFitError):
+            fits.append(fit(problem, found.effects, starts[i], _EVALUATIONS, found.cost))
     return min(fits, key=lambda fitted: fitted.criterion)
 
 

@@ -1,13 +1,14 @@
 """Directions in which effects move the prediction, to first order, beside the nominal model."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.lawsearch.forward_model import Floats
+from stepblocks.lawsearch.forward_model import Floats, Trials
 from stepblocks.lawsearch.law import Law, SizedChange, list_starts
 from stepblocks.lawsearch.objective import differentiate_size
 from stepblocks.lawsearch.problem import Fit, Problem
@@ -349,19 +350,40 @@ def _find_sizes(
     law = shaped.law
     apply = law.apply
     assert isinstance(apply, SizedChange)
-    neutral = list_starts(law.parameters) | dict(shaped.shape)
     key = _name_slope(problem, law)
     if key not in slopes:
+        neutral = list_starts(law.parameters) | dict(shaped.shape)
         effects = [*base.effects, law]
         values = base.values | law.name_values(neutral)
         step = key[1]
         slopes[key] = differentiate_size(problem, effects, values, apply, base.predicted, step)
     slope, followed = slopes[key]
-    column = problem.trials.covariates.get(law.covariate, followed)
+    column = problem.trials.covariates.get(law.covariate)
+    if column is None:
+        return slope, _compute_sizes(shaped, followed)
+    kept = _keep_sizes(problem.trials)
+    name = apply, law.covariate, law.amplitude_parameters, tuple(shaped.shape.items())
+    if name not in kept:
+        kept[name] = _compute_sizes(shaped, column)
+    return slope, kept[name]
+
+
+@lru_cache(maxsize=1)  # the table that is searched
+def _keep_sizes(trials: Trials) -> dict[Hashable, Floats]:
+    """Keep the sizes of laws that follow columns of a table: each scoring needs them again."""
+    del trials
+    return {}
+
+
+def _compute_sizes(shaped: _ShapedLaw, column: NDArray[np.generic]) -> Floats:
+    """Compute the numbers of a law per unit of each amplitude, shape (n, a)."""
+    law = shaped.law
+    assert isinstance(law.apply, SizedChange)
+    neutral = list_starts(law.parameters) | dict(shaped.shape)
     sizes = []
     for p in law.amplitude_parameters:
-        sizes.append(apply.size(column, neutral | {p.name: p.start + p.scale}))
-    return slope, np.stack(sizes, axis=1)
+        sizes.append(law.apply.size(column, neutral | {p.name: p.start + p.scale}))
+    return np.stack(sizes, axis=1)
 
 
 def _name_slope(problem: Problem, law: Law) -> _SlopeKey:

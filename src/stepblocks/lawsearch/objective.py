@@ -82,6 +82,8 @@ class Objective:
         self._prepare_censored_values()
         self._last_x = np.full(len(self.parameters), np.nan)
         self._last_prediction: Floats | None = None
+        self._last_slopes_at = self._last_x
+        self._last_slopes: Floats | None = None
         self._shares: tuple[float, ...] = _SHARES_OF_OTHERS
         if any(law.steps for law in self.effects):
             self._shares = _SHARES_OF_JUMPS
@@ -148,8 +150,12 @@ class Objective:
         # a Jacobian asks for what its residual has just asked for
         if self._last_prediction is None or not np.array_equal(self._last_x, x):
             self._last_x = x.copy()
-            self._last_prediction = self.problem.predict(self.effects, self.name_values(x))
+            self._last_prediction = self._compute_prediction(x)
         return self._last_prediction
+
+    def _compute_prediction(self, x: Floats) -> Floats:
+        """Predict all channels at values that are not asked for again, shape (n, c)."""
+        return self.problem.predict(self.effects, self.name_values(x))
 
     def residual(self, x: Floats) -> Floats:
         """Compute whitened residuals, departures from priors, and terms of censored values."""
@@ -167,26 +173,32 @@ class Objective:
         HopelessFitError
             If the fit is unlikely to reach its rival.
         """
-        residual = self.residual(x)
+        # a fit that goes on by another method begins with the slopes that the first one ended with
+        if self._last_slopes is None or not np.array_equal(self._last_slopes_at, x):
+            self._last_slopes_at = x.copy()
+            self._last_slopes = self._compute_slopes(x)
+        self.steps_taken += 1
+        self._give_up_if_hopeless(self._last_slopes, x)
+        return -self._last_slopes
+
+    def _compute_slopes(self, x: Floats) -> Floats:
+        """Find the slopes of the whitened prediction, of priors and of terms of censored values."""
         base = self.predict(x)
         slopes = self._differentiate_prediction(x, base)
-        whole = np.vstack(
+        return np.vstack(
             [
                 self.problem.noise.whiten(slopes),
                 np.diag(self.prior)[self.with_prior],
                 self._weigh_censored(base)[:, None] * slopes[self.censored],
             ]
         )
-        self.steps_taken += 1
-        self._give_up_if_hopeless(whole, residual)
-        return -whole
 
     def _differentiate_prediction(self, x: Floats, base: Floats) -> Floats:
         """Find the slope of the prediction `base` in every parameter, shape (n, c, p)."""
         step = np.where(x + STEP > self.bounds[1], -STEP, STEP)
         shifted = np.tile(x, (self.layer.max() + 1, 1))
         shifted[self.layer, range(len(x))] += np.where(self.sized, 0.0, step)
-        changes = np.stack([self.predict(row) - base for row in shifted], axis=2)
+        changes = np.stack([self._compute_prediction(row) - base for row in shifted], axis=2)
         slopes = np.where(self.moved[:, None], changes[:, :, self.layer] / step, 0.0)
         slopes[:, :, self.sized] = self._differentiate_sized_laws(x, base)
         return np.asarray(slopes)
@@ -222,10 +234,11 @@ class Objective:
         density = np.exp(-0.5 * above_floor**2 - log_chance) / np.sqrt(2.0 * np.pi)
         return np.asarray(density / np.sqrt(np.maximum(-2.0 * log_chance, 1e-24)) / self.spread)
 
-    def _give_up_if_hopeless(self, jacobian: Floats, residual: Floats) -> None:
+    def _give_up_if_hopeless(self, jacobian: Floats, x: Floats) -> None:
         """Raise `HopelessFitError` where the next step cannot bring the cost near the rival's."""
         if not np.isfinite(self.rival):
             return
+        residual = self.residual(x)
         gain = float(np.sum((np.linalg.qr(jacobian)[0].T @ residual) ** 2))
         lead = float(residual @ residual) - self.rival
         share = self._shares[min(self.steps_taken, len(self._shares)) - 1]

@@ -190,7 +190,24 @@ def _integrate_climbs(cases: bytes) -> Array:
     The share is the energy of the first swing below sliding over that stored, undamped. `cases` are
     the bytes of `_Cases` as an array of shape (6, n).
     """
-    case = _Cases(*np.frombuffer(cases).reshape(len(_Cases._fields), -1))
+    of_trials = np.frombuffer(cases).reshape(len(_Cases._fields), -1)
+    distinct, place = _merge_replicates(of_trials)
+    return _integrate_distinct_climbs(_Cases(*of_trials[:, distinct]))[:, place]
+
+
+def _merge_replicates(cases: Array) -> tuple[Array, Array]:
+    """Find which of n cases differ, and which of them each case is; `cases` has shape (6, n).
+
+    Trials of the same settings release alike, and their motion need be integrated once.
+    """
+    rows = np.ascontiguousarray(cases.T)
+    keys = rows.view(np.dtype((np.void, rows.itemsize * rows.shape[1])))[:, 0]
+    _, distinct, place = np.unique(keys, return_index=True, return_inverse=True)
+    return distinct, place
+
+
+def _integrate_distinct_climbs(case: "_Cases") -> Array:
+    """Return what `_integrate_climbs` does of some cases, shape (2, n)."""
     edge = np.arccos(1.0 - case.height)
     friction = np.minimum(case.friction, np.tan(_STEEPEST - edge))
     drive = case.speed / case.stiffness
