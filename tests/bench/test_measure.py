@@ -9,6 +9,7 @@ import sys
 import numpy as np
 import pandas as pd
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from stepblocks.bench.conditions import insert_conditions, read_conditions
 from stepblocks.bench.measure import measure_session, write_features
@@ -54,6 +55,24 @@ def test_the_table_and_the_file_say_the_same(session, tmp_path):
     names = [name for name in table if name != "reason"]
     pd.testing.assert_frame_equal(table[names], written[names], check_exact=True)
     assert (summary.total, summary.excluded, summary.reasons) == (6, 0, {})
+
+
+def test_the_linear_algebra_measures_with_one_thread_and_has_its_own_again(session):
+    seen = []
+
+    def look(done, total):
+        seen.append(count_threads())
+
+    with threadpool_limits(limits=2, user_api="blas"):
+        before = count_threads()
+        measure_session(session, jobs=1, progress=look)
+        assert count_threads() == before
+    assert max(before) == 2
+    assert {threads for counts in seen for threads in counts} == {1}
+
+
+def count_threads():
+    return [pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"]
 
 
 @pytest.mark.long

@@ -5,9 +5,9 @@ import pytest
 from scipy.optimize import curve_fit
 
 from oracles.traces import Course, hum
-from stepblocks.bench.signal.ring import fit_ring
+from stepblocks.bench.signal.ring import RingBasis, fit_ring
 from stepblocks.bench.signal.rubbing import KNOWN_SPREAD, compute_rubbing_force, fit_rubbing_ring
-from stepblocks.bench.signal.separable import guess_ring
+from stepblocks.bench.signal.separable import compute_numeric_jacobian, guess_ring
 
 COURSE = Course(phase=0.4)
 TIME = COURSE.clock(tail=0.12)
@@ -137,3 +137,17 @@ def test_a_fit_misses_its_noise_by_what_its_ten_figures_leave_of_few_samples():
         assert ring.misfit == pytest.approx(max(whole, begun), abs=1e-9)
     # four standard errors of the mean of 40
     assert np.mean(squares) == pytest.approx(50.0, abs=40.0 / np.sqrt(40))
+
+
+@pytest.mark.parametrize("is_bent", [False, True])
+def test_slopes_in_closed_form_are_those_of_differences(is_bent):
+    basis = RingBasis(COURSE.release, 50.0, is_bent=is_bent)
+    since = SINCE - COURSE.release
+    shape = np.array([287.0, 17e-3, 0.4e-3])
+    columns = basis.build_columns(since, shape)
+    weights = np.random.default_rng(3).standard_normal(columns.shape[1])
+    found = basis.differentiate_cosine(since, shape, columns, weights)
+    expected = compute_numeric_jacobian(
+        lambda moved: basis.build_columns(since, moved) @ weights, shape, 1e-5 * shape
+    )
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())

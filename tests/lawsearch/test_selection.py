@@ -13,6 +13,7 @@ from scipy import stats
 from oracles.toy_model import Toy, toy_effects, toy_trials
 from stepblocks.lawsearch.adequacy import check_residuals
 from stepblocks.lawsearch.choice import choose_candidate
+from stepblocks.lawsearch.directions import build_tangent_basis, compute_tangent
 from stepblocks.lawsearch.fit import build_problem, fit
 from stepblocks.lawsearch.forward_model import Systematic
 from stepblocks.lawsearch.gate import compute_detectable, score_candidates
@@ -168,6 +169,25 @@ def test_the_p_value_of_a_gate_counts_the_data_as_one_draw_of_the_null(squared):
     problem = build_problem(Toy(), squared)
     gate = score_candidates(problem, fit(problem), toy_effects(), draws=19)
     assert gate.p_value == pytest.approx(1.0 / 20.0)
+
+
+def test_a_score_is_what_the_residual_loses_along_an_effect_beside_the_constants(squared):
+    problem = build_problem(Toy(), squared)
+    base = fit(problem)
+    known = build_tangent_basis(base)
+    residual = np.concatenate([base.residual, base.departure])
+    gate = score_candidates(problem, base, toy_effects(), draws=0)
+    assert gate.scores
+    for score in gate.scores:
+        tangent = compute_tangent(problem, base, score.effect, score.shape)
+        below = np.zeros((len(residual) - len(tangent), tangent.shape[1]))
+        beside = np.vstack([tangent, below])
+        beside -= known @ (known.T @ beside)
+        # origin: least squares of what is left beside the constants
+        weights, *_ = np.linalg.lstsq(beside, residual, rcond=1e-9)
+        fitted = beside @ weights
+        assert score.gain == pytest.approx(float(fitted @ fitted), rel=1e-6, abs=1e-9)
+        assert score.step == pytest.approx(weights, rel=1e-6, abs=1e-9)
 
 
 def test_what_can_be_detected_opens_the_gate_nine_times_in_ten(monkeypatch):

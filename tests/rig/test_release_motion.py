@@ -32,6 +32,16 @@ def test_a_tip_moves_alone_as_it_does_among_others() -> None:
     assert np.allclose(together, np.squeeze(alone, axis=2).T, rtol=0.0, atol=1e-12)
 
 
+def test_replicates_release_alike_in_whichever_order_they_stand() -> None:
+    draw = np.random.default_rng(6)
+    ends = [(0.02, 0.9), (0.02, 0.4), (0.3, 30.0), (0.01, 0.5), (0.01, 0.1), (0.0, 0.0)]
+    settings = np.array([draw.uniform(low, high, 5) for low, high in ends])
+    trials = draw.integers(0, 5, 40)
+    of_settings = np.array(compute_release(*settings))
+    of_trials = np.array(compute_release(*settings[:, trials]))
+    assert np.allclose(of_trials, of_settings[:, trials], rtol=0.0, atol=1e-12)
+
+
 def test_a_stiff_release_of_a_slow_handle_keeps_energy() -> None:
     # stored energy less the work of lifting and rubbing, quasi-static limit, soft spring (F R k / N
     # small): with k R / N = 0.4 and H / R = 0.4 the drop of the force over the climb is small

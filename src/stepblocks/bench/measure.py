@@ -4,6 +4,7 @@ import os
 import tempfile
 from collections import deque
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import cache, partial
 from itertools import islice
@@ -11,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pandas as pd
+from threadpoolctl import threadpool_limits
 
 from stepblocks.bench.declared import Pilot, check_declarations
 from stepblocks.bench.examine import TrialResult, measure_trial
@@ -121,7 +123,8 @@ def measure_session(
         path = Path(output)
     table = _open_table(Path(session), path, layout)
     store: list[FeatureRow] = []
-    rows = list(_measure_rows(table, store, jobs, progress, tool))
+    with _limit_threads():
+        rows = list(_measure_rows(table, store, jobs, progress, tool))
     count_outcomes(rows, table)
     if path is not None:
         with write_atomically(path) as draft:
@@ -145,13 +148,22 @@ def write_features(
     path = Path(output)
     table = _open_table(Path(session), path, layout)
     with tempfile.TemporaryFile("w+", encoding="utf-8", prefix="stepblocks-measure-") as file:
-        rows = _measure_rows(table, RowSpool(file), jobs, progress, tool)
+        with _limit_threads():
+            rows = _measure_rows(table, RowSpool(file), jobs, progress, tool)
         outcomes = count_outcomes(rows, table)
         with write_atomically(path) as draft:
             write_rows(rows, table.covariates, draft)
     excluded = outcomes.count_excluded()
     notes = list_notes(table, outcomes, rows.shared)
     return MeasureSummary(table.count, excluded.total(), dict(excluded), tuple(notes))
+
+
+def _limit_threads() -> AbstractContextManager[object]:
+    """Limit the linear algebra of this process to one thread while traces are measured.
+
+    The matrices are small: threads only wait for each other, at full load.
+    """
+    return threadpool_limits(limits=1, user_api="blas")
 
 
 def _open_table(session: Path, output: Path | None, layout: TableLayout) -> TrialTable:
@@ -209,7 +221,8 @@ def estimate_tool(traces: Traces, table: TrialTable) -> Tool | None:
     BenchError
         If the same trials show that the session is not what session.toml declares.
     """
-    results = measure_pilots(traces, table)
+    with _limit_threads():
+        results = measure_pilots(traces, table)
     warn_of_notes(traces.notes, traces.session.acquisition.traces)
     check_pilots(traces, results)
     sound = [result for result in results if result.fault is None]
