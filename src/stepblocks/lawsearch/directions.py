@@ -1,7 +1,7 @@
 """Directions in which effects move the prediction, to first order, beside the nominal model."""
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -21,10 +21,25 @@ _SINGULAR = 1e-8  # ratio of singular values below which constants move the same
 _STEP = 0.02  # of differences, in units of a parameter's scale
 _BATCH = 16  # effects or shapes in one product of matrices: all of them would fill the memory
 
-# slope of the prediction in the number by which a change moves every trial, and the column that a
-# law follows; by the change, the step, and the covariate where the model computes it
+# what laws share which change a state alike: the change, the step of its difference, and the
+# covariate where the model computes it
 _SlopeKey = tuple[Callable[..., object], float, str]
-_Slopes = dict[_SlopeKey, tuple[Floats, NDArray[np.generic]]]
+
+
+@dataclass(frozen=True)
+class _Shared:
+    """What laws share at one fit.
+
+    Attributes
+    ----------
+    slopes : dict
+        Slope of the prediction in the number by which a change moves every trial, shape (n, c).
+    columns : dict
+        What the laws follow, by the covariate; by the key of the slope where the model computes it.
+    """
+
+    slopes: dict[_SlopeKey, Floats] = field(default_factory=dict)
+    columns: dict[Hashable, NDArray[np.generic]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -77,7 +92,7 @@ def compute_tangent(problem: Problem, base: Fit, effect: Law, shape: Mapping[str
 
     Amplitudes are in units of their scales; the shape is (n c, a).
     """
-    changes = _compute_changes(problem, base, _ShapedLaw(effect, shape), {})
+    changes = _compute_changes(problem, base, _ShapedLaw(effect, shape), _Shared())
     return problem.noise.whiten(np.stack(changes, axis=2))
 
 
@@ -112,11 +127,11 @@ def compute_directions(
             by_slope.setdefault(_name_slope(problem, member.law), []).append(number)
         else:
             others.append(number)
-    slopes: _Slopes = {}
+    shared = _Shared()
     found: dict[int, Direction | None] = {}
     for numbers in by_slope.values():
         members = [shaped[number] for number in numbers]
-        directions = _span_sized_laws(problem, base, view, members, slopes)
+        directions = _span_sized_laws(problem, base, view, members, shared)
         found |= zip(numbers, directions, strict=True)
     for first in range(0, len(others), _BATCH):
         numbers = others[first : first + _BATCH]
@@ -134,10 +149,10 @@ def compute_unit_changes(
 
     A law that the constants imitate has none. Parameters are those of `compute_directions`.
     """
-    slopes: _Slopes = {}
+    shared = _Shared()
     units = {}
     for member in _list_shaped_laws(effects):
-        (change,) = _compute_changes(problem, base, member, slopes)
+        (change,) = _compute_changes(problem, base, member, shared)
         white = problem.noise.whiten(change)
         length = float(np.linalg.norm(white))
         if not length >= _LEAST_MOVE:
@@ -258,12 +273,12 @@ class _Seen(NamedTuple):
 
 
 def _span_sized_laws(
-    problem: Problem, base: Fit, view: _View, members: Sequence[_ShapedLaw], slopes: _Slopes
+    problem: Problem, base: Fit, view: _View, members: Sequence[_ShapedLaw], shared: _Shared
 ) -> list[Direction | None]:
     """Find the directions of laws that share a slope; see `compute_directions`."""
     sizes = []
     for member in members:
-        slope, of_law = _find_sizes(problem, base, member, slopes)
+        slope, of_law = _find_sizes(problem, base, member, shared)
         sizes.append(of_law)
     turned = view.turn(slope[:, :, None])[:, :, 0]
     together = np.concatenate(sizes, axis=1)
@@ -278,7 +293,7 @@ def _span_other_laws(
     changes: list[Floats] = []
     widths = []
     for member in members:
-        of_law = _compute_changes(problem, base, member, {})
+        of_law = _compute_changes(problem, base, member, _Shared())
         changes += of_law
         widths.append(len(of_law))
     seen = view.see(view.turn(np.stack(changes, axis=2)))
@@ -313,15 +328,15 @@ def _span_directions(
 
 
 def _compute_changes(
-    problem: Problem, base: Fit, shaped: _ShapedLaw, slopes: _Slopes
+    problem: Problem, base: Fit, shaped: _ShapedLaw, shared: _Shared
 ) -> list[Floats]:
     """Find the change of the prediction per unit of each amplitude, each of shape (n, c).
 
-    `slopes` keeps the slopes that are known.
+    `shared` keeps the slopes that are known.
     """
     effect = shaped.law
     if isinstance(effect.apply, SizedChange):
-        slope, sizes = _find_sizes(problem, base, shaped, slopes)
+        slope, sizes = _find_sizes(problem, base, shaped, shared)
         return [slope * size[:, None] for size in sizes.T]
     neutral = list_starts(effect.parameters) | dict(shaped.shape)
     effects = [*base.effects, effect]
@@ -334,12 +349,12 @@ def _compute_changes(
 
 
 def _find_sizes(
-    problem: Problem, base: Fit, shaped: _ShapedLaw, slopes: _Slopes
+    problem: Problem, base: Fit, shaped: _ShapedLaw, shared: _Shared
 ) -> tuple[Floats, Floats]:
     """Find the slope of the prediction in the number by which a law changes each trial.
 
     What a trial shows depends on its own state alone, so that laws which change the state alike
-    share the slope, which `slopes` keeps.
+    share the slope, which `shared` keeps.
 
     Returns
     -------
@@ -351,21 +366,28 @@ def _find_sizes(
     apply = law.apply
     assert isinstance(apply, SizedChange)
     key = _name_slope(problem, law)
-    if key not in slopes:
+    follows_table = _follows_table(problem, law)
+    kept = _keep_sizes(problem.trials) if follows_table else {}
+    name = apply, law.covariate, law.amplitude_parameters, tuple(shaped.shape.items())
+    if key in shared.slopes and name in kept:
+        return shared.slopes[key], kept[name]
+    followed = law.covariate if follows_table else key
+    column = problem.trials.covariates.get(law.covariate, shared.columns.get(followed))
+    if key not in shared.slopes or column is None:
         neutral = list_starts(law.parameters) | dict(shaped.shape)
         effects = [*base.effects, law]
         values = base.values | law.name_values(neutral)
-        step = key[1]
-        slopes[key] = differentiate_size(problem, effects, values, apply, base.predicted, step)
-    slope, followed = slopes[key]
-    column = problem.trials.covariates.get(law.covariate)
-    if column is None:
-        return slope, _compute_sizes(shaped, followed)
-    kept = _keep_sizes(problem.trials)
-    name = apply, law.covariate, law.amplitude_parameters, tuple(shaped.shape.items())
+        slope, column = differentiate_size(problem, effects, values, apply, base.predicted, key[1])
+        shared.slopes.setdefault(key, slope)
+        shared.columns[followed] = column
     if name not in kept:
         kept[name] = _compute_sizes(shaped, column)
-    return slope, kept[name]
+    return shared.slopes[key], kept[name]
+
+
+def _follows_table(problem: Problem, law: Law) -> bool:
+    """Tell whether what a law follows is made of the table alone, whatever the model computes."""
+    return law.covariate in problem.trials.covariates or bool(law.columns)
 
 
 @lru_cache(maxsize=1)  # the table that is searched
@@ -391,7 +413,7 @@ def _name_slope(problem: Problem, law: Law) -> _SlopeKey:
     apply = law.apply
     assert isinstance(apply, SizedChange)
     step = _STEP * law.amplitude_parameters[0].scale
-    if law.covariate in problem.trials.covariates:
+    if _follows_table(problem, law):
         return apply.change, step, ""
     # only a law that follows it sees what the model computes
     return apply.change, step, law.covariate

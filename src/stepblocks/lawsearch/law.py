@@ -120,6 +120,9 @@ class Law:
         slope for each group.
     specimens : tuple[str, ...]
         Those whose trials alone the law moves; empty where it moves all trials.
+    columns : tuple[str, ...]
+        Columns of the table that make up a covariate which is none of them itself, such as a
+        product of two; empty for a quantity that the model computes from its state.
     """
 
     id: str
@@ -139,6 +142,7 @@ class Law:
     shape: str = ""
     refines: tuple[str, ...] = ()
     specimens: tuple[str, ...] = ()
+    columns: tuple[str, ...] = ()
 
     def __getstate__(self) -> bytes:
         # the functions of a law are closures, which the standard pickle cannot store

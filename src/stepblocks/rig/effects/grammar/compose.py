@@ -1,6 +1,7 @@
 """Laws composed: every shape, in every slot, over every covariate, where it makes sense."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,10 +22,16 @@ def list_composed_laws(covariates: Sequence[CovariateRange]) -> tuple[Law, ...]:
     for covariate in covariates:
         for slot in list_moved_slots(covariate.name, has_labels=bool(covariate.labels)):
             for list_laws in SHAPES:
-                laws += list_laws(slot, covariate)
+                laws += _name_columns(list_laws(slot, covariate), covariate)
         if covariate.labels and covariate.name != "block":
             laws.append(_make_added_load_law(covariate))
     return tuple(laws)
+
+
+def _name_columns(laws: Sequence[Law], covariate: CovariateRange) -> list[Law]:
+    """Name the columns that make up the covariate of laws, where it is a pair."""
+    columns = tuple(part.name for part in covariate.pair)
+    return [replace(law, columns=columns) for law in laws]
 
 
 def _make_added_load_law(covariate: CovariateRange) -> Law:
