@@ -308,19 +308,21 @@ def _span_directions(
     `widths` are the numbers of amplitudes. The direction is None where the constants imitate a law.
     """
     lengths = np.sqrt(np.maximum(np.diagonal(seen.whitened), 0.0))
+    moves = lengths >= _LEAST_MOVE
+    divisors = np.where(moves, lengths, 1.0)
+    of_unit_changes = seen.remaining / np.outer(divisors, divisors)
     directions: list[Direction | None] = []
     first = 0
     for member, width in zip(members, widths, strict=True):
         part = slice(first, first + width)
         first += width
-        length = lengths[part]
         to_basis = None
-        if width and np.all(length >= _LEAST_MOVE):
-            to_basis = _find_basis(seen.remaining[part, part] / np.outer(length, length))
+        if width and moves[part].all():
+            to_basis = _find_basis(of_unit_changes[part, part])
         if to_basis is None:
             directions.append(None)
             continue
-        root = to_basis / length[:, None]
+        root = to_basis / lengths[part, None]
         along = root.T @ seen.along[part]
         one_sided = _is_one_sided(member.law)
         directions.append(Direction(member.law, member.shape, root, along, one_sided))
@@ -368,7 +370,8 @@ def _find_sizes(
     key = _name_slope(problem, law)
     follows_table = _follows_table(problem, law)
     kept = _keep_sizes(problem.trials) if follows_table else {}
-    name = apply, law.covariate, law.amplitude_parameters, tuple(shaped.shape.items())
+    scales = tuple(p.scale for p in law.amplitude_parameters)
+    name = apply, law.covariate, scales, tuple(shaped.shape.items())
     if key in shared.slopes and name in kept:
         return shared.slopes[key], kept[name]
     followed = law.covariate if follows_table else key

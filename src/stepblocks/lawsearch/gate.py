@@ -154,7 +154,9 @@ def _keep_best_scores(
 
 def _compute_gains(directions: Sequence[Direction]) -> Floats:
     """Compute what each of the m vectors would gain along each direction, shape (d, m)."""
-    gains = np.stack([np.sum(direction.along**2, axis=0) for direction in directions])
+    firsts = np.cumsum([0, *(len(direction.along) for direction in directions[:-1])])
+    squares = np.concatenate([direction.along for direction in directions]) ** 2
+    gains = np.add.reduceat(squares, firsts, axis=0)
     for direction, gain in zip(directions, gains, strict=True):
         if direction.one_sided:
             gain *= (direction.root[0] @ direction.along) > 0.0
