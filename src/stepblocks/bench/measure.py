@@ -163,7 +163,8 @@ def _limit_threads() -> AbstractContextManager[object]:
 
     The matrices are small: threads only wait for each other, at full load.
     """
-    return threadpool_limits(limits=1, user_api="blas")
+    limits: AbstractContextManager[object] = threadpool_limits(limits=1, user_api="blas")
+    return limits
 
 
 def _open_table(session: Path, output: Path | None, layout: TableLayout) -> TrialTable:

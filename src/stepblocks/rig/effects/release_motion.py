@@ -4,6 +4,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stepblocks.compute.compiled import njit
 from stepblocks.contact import Array
@@ -195,7 +196,7 @@ def _integrate_climbs(cases: bytes) -> Array:
     return _integrate_distinct_climbs(_Cases(*of_trials[:, distinct]))[:, place]
 
 
-def _merge_replicates(cases: Array) -> tuple[Array, Array]:
+def _merge_replicates(cases: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Find which of n cases differ, and which of them each case is; `cases` has shape (6, n).
 
     Trials of the same settings release alike, and their motion need be integrated once.
