@@ -155,11 +155,6 @@ class Ring:
         """Instant that the fit counts from [s]."""
         return self.basis.origin
 
-    @property
-    def cosine_shape(self) -> Array:
-        """Shape (3,) of a cosine: without what hardening adds."""
-        return self.fit.shape[:_PARAMETERS_OF_COSINE]
-
     def compute_curve(self, time: Array) -> Array:
         """Return the whole fit [N] at the instants `time`."""
         return self._model(time - self.origin, self.fit.shape)
@@ -203,14 +198,7 @@ class Ring:
         return np.asarray(columns @ self.fit.weights, dtype=float)
 
 
-def fit_cosine(
-    time: Array,
-    force: Array,
-    origin: float,
-    mains: float,
-    noise: float,
-    start: Array | None = None,
-) -> Ring:
+def fit_cosine(time: Array, force: Array, origin: float, mains: float, noise: float) -> Ring:
     """Fit a damped cosine to the samples after a slip.
 
     Parameters
@@ -223,12 +211,9 @@ def fit_cosine(
         Mains frequency [Hz].
     noise : float
         Standard deviation of a sample [N].
-    start : Array, optional
-        Shape (3,), where the fit begins: a shape as `RingBasis.build_columns` takes it.
     """
-    if start is None:
-        frequency, decay_time = guess_ring(time, force)
-        start = np.array([frequency, decay_time, _USUAL_RELEASE_DECAY])
+    frequency, decay_time = guess_ring(time, force)
+    start = np.array([frequency, decay_time, _USUAL_RELEASE_DECAY])
     return _fit_damped(time, force, RingBasis(origin, mains), noise, start)
 
 
