@@ -72,6 +72,7 @@ def fit_separable(
     lower: Array,
     upper: Array,
     scale: Array,
+    *,
     slopes: Callable[[Array, Array, Array], Array] | None = None,
 ) -> SeparableFit:
     """Fit ``values = basis(shape) @ weights``.
