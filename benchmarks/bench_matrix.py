@@ -373,7 +373,7 @@ def run_one(name: str, trials: int, seed: int, *, folds: bool = False) -> dict[s
         blocks = sorted(set(features["block"].dropna()))
         scans = _measure_scans(folder, blocks)
         declared = open_session(folder)
-        spring, known = declared.probe.spring_constant, declared.calibration.list_known()
+        spring, known = declared.probe.spring_constant, declared.calibration.list_known_constants()
     began = time.process_time()
     if folds:
         result = analyse_features(features, spring, plan.bench.tip_radius, scans, known=known)

@@ -135,7 +135,7 @@ def explain_session(folder: Path) -> Explanation:
     blocks = sorted(set(features["block"].dropna()))
     scans = scan_blocks(folder, "scans/{block}.csv", blocks).scans
     probe = session.probe
-    known = session.calibration.list_known()
+    known = session.calibration.list_known_constants()
     table = build_session_table(features, probe.spring_constant, probe.tip_radius, scans, known)
     laws = table.model.candidates(table.trials)
     found = explain(table.model, table.trials, laws, Rules())

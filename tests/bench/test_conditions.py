@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from oracles.virtual_bench import Bench, drag
-from stepblocks.bench.conditions import insert_conditions, read_conditions
+from stepblocks.bench.conditions import read_conditions, replace_columns_by_conditions
 from stepblocks.bench.figures import draw_trials
 from stepblocks.bench.measure import measure_session
 from stepblocks.bench.session import open_session
@@ -31,13 +31,15 @@ def rewrite(session, table, columns, decimal=".", delimiter=",", more=""):
 
 def features_of(session):
     declared = open_session(session)
-    return insert_conditions(measure_session(session, jobs=1), read_conditions(declared))
+    return replace_columns_by_conditions(
+        measure_session(session, jobs=1), read_conditions(declared)
+    )
 
 
 def test_a_table_in_the_usual_words_stays_as_it_is(session):
     assert read_conditions(open_session(session)) == {}
     plain = measure_session(session, jobs=1)
-    pd.testing.assert_frame_equal(insert_conditions(plain, {}), plain)
+    pd.testing.assert_frame_equal(replace_columns_by_conditions(plain, {}), plain)
 
 
 def test_other_names_units_decimal_commas_and_stamps_come_to_the_same_conditions(session):

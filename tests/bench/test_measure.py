@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from stepblocks.bench.conditions import insert_conditions, read_conditions
+from stepblocks.bench.conditions import read_conditions, replace_columns_by_conditions
 from stepblocks.bench.measure import measure_session, write_features
 from stepblocks.bench.session import open_session
 from stepblocks.bench.signal.features import FEATURE_COLUMNS, average_tool
@@ -119,7 +119,7 @@ def test_a_block_column_that_a_spreadsheet_would_run_is_still_the_block(session)
     trials, said = session / "trials.csv", session / "session.toml"
     trials.write_text(trials.read_text().replace("block", "=block", 1))
     said.write_text(said.read_text() + '\n[trials]\ncolumns = { block = "=block" }\n')
-    table = insert_conditions(
+    table = replace_columns_by_conditions(
         measure_session(session, jobs=1), read_conditions(open_session(session))
     )
     assert set(table.block) == {"step-020", "step-040"}

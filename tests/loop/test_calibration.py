@@ -40,17 +40,17 @@ def _session(tmp_path, text: str):
 
 def test_certificates_are_read_in_their_units_and_gains_as_logarithms(tmp_path):
     text = '[calibration]\ntangential_zero = ["3 mN", "0.5 mN"]\nnormal_gain = ["0.98", "0.5 %"]\n'
-    known = _session(tmp_path, text).calibration.list_known()
+    known = _session(tmp_path, text).calibration.list_known_constants()
     assert known["zero_n"] == pytest.approx((3e-3, 0.5e-3))
     assert known["normal_ln_gain"] == pytest.approx((math.log(0.98), 0.005 / 0.98))
-    assert _session(tmp_path, "").calibration.list_known() == {}
+    assert _session(tmp_path, "").calibration.list_known_constants() == {}
 
 
 def test_bandwidth_and_clock_of_a_certificate_become_a_time_constant_and_a_logarithm(tmp_path):
     text = '[calibration]\nbandwidth = ["3 kHz", "0.3 kHz"]\nclock = ["1.002", "0.01 %"]\n'
     known = _session(
         tmp_path, text + 'normal_cross_talk = ["0.02", "0.005"]\n'
-    ).calibration.list_known()
+    ).calibration.list_known_constants()
     # origin: a gauge of first order with the corner f has 1 / (2 pi f)
     tau = 1.0 / (2.0 * math.pi * 3e3)
     assert known["time_constant_s"] == pytest.approx((tau, 0.1 * tau))
@@ -60,7 +60,7 @@ def test_bandwidth_and_clock_of_a_certificate_become_a_time_constant_and_a_logar
 
 def test_a_certificate_of_the_spring_holds_its_ratio_and_says_what_a_gain_of_the_gauge_is(tmp_path):
     text = '[calibration]\nspring_constant = ["9.7 N/mm", "50 N/m"]\n'
-    known = _session(tmp_path, text).calibration.list_known()
+    known = _session(tmp_path, text).calibration.list_known_constants()
     assert known == {"spring_constant": pytest.approx((9700.0, 50.0))}
     features, scans = _planted("sensor_gain", ln_gain=0.05)
     stds = {}
@@ -94,9 +94,11 @@ def test_every_mistake_of_a_certificate_is_reported_in_a_line_of_its_own(tmp_pat
 
 def test_a_load_that_is_known_only_so_well_is_held_to_that(tmp_path, shifted):
     session = _session(tmp_path, '[calibration]\nload_error = ["0 mN", "3 mN"]\n')
-    assert session.calibration.list_known() == {"load_bias_n": (0.0, 0.003)}
+    assert session.calibration.list_known_constants() == {"load_bias_n": (0.0, 0.003)}
     features, scans = shifted
-    table = build_session_table(features, 9810.0, 125e-6, scans, session.calibration.list_known())
+    table = build_session_table(
+        features, 9810.0, 125e-6, scans, session.calibration.list_known_constants()
+    )
     model, trials = table.model, table.trials
     assert {p.name: p.prior_std for p in model.parameters(trials)}["load_error"] == 0.003
     held = {

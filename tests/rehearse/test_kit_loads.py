@@ -83,7 +83,7 @@ def test_a_simulated_session_errs_by_its_kit_and_declares_so(tmp_path):
     std = find_common_std(KIT, [0.294, 0.49])
     assert std == compute_normal_load(KIT, 0.05).common_std
     assert declared["calibration"] == {"load_error": ["0 mN", f"{std * 1e3:.2g} mN"]}
-    known = open_session(output).calibration.list_known()
+    known = open_session(output).calibration.list_known_constants()
     assert known["load_bias_n"] == pytest.approx((0.0, std), rel=0.05)
     truth = pd.read_csv(output / "truth.csv")
     trials = pd.read_csv(output / "trials.csv")

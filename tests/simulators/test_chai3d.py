@@ -37,7 +37,7 @@ def paper_force(height, load):
     return load * math.tan(math.acos(1.0 - height / R) + math.atan(MU))
 
 
-def read_columns(path):
+def read_columns_in_worker(path):
     """The columns of a file of the log, in HDF5 or CSV, and its block where that is told."""
     if path.suffix == ".csv":
         return pd.read_csv(path)
@@ -226,7 +226,9 @@ def test_a_device_gives_no_force_before_it_is_calibrated_and_at_most_3_newton(pr
     good = table[(table["status"] == "ok") & (table["block"] == "step-030")]
     assert len(good)
     # every tick from the calibration on, in the air too, with nothing lost between two files
-    stretches = [read_columns(path) for path in sorted((tmp_path / "log" / "ticks").iterdir())]
+    stretches = [
+        read_columns_in_worker(path) for path in sorted((tmp_path / "log" / "ticks").iterdir())
+    ]
     ticks = pd.concat(stretches, ignore_index=True)
     assert np.diff(ticks["time_s"]) == pytest.approx(1.0 / 4e3, rel=1e-6)
     blocks = {one.attrs["block"] for one in stretches if one.attrs}  # CSV does not tell it

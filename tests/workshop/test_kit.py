@@ -105,7 +105,7 @@ def test_the_table_of_loads_is_the_budget_line_by_line(folder):
 def test_the_lines_for_a_session_are_what_a_session_reads(folder):
     text = (folder / "drag-rig.session.toml").read_text(encoding="utf-8")
     calibration = Calibration.model_validate(tomllib.loads(text)["calibration"])
-    value, std = calibration.list_known()["load_bias_n"]
+    value, std = calibration.list_known_constants()["load_bias_n"]
     heaviest = compute_normal_load(KIT, max(KIT.normal_weights))
     assert value == 0.0
     assert std == pytest.approx(heaviest.common_std, rel=0.05)  # two digits

@@ -27,13 +27,13 @@ class Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-def _require_law(kind: str, declared: dict[str, Any]) -> dict[str, Any]:
+def _validate_law(kind: str, declared: dict[str, Any]) -> dict[str, Any]:
     """Refuse a law that cannot be built; `kind` is ``friction`` or ``contact``."""
     build_laws({kind: declared})
     return declared
 
 
-def _refuse_tool(_: object) -> None:
+def _refuse_tool_law(_: object) -> None:
     """Refuse a law of the tool."""
     raise ValueError(
         "must be left out: `loop` fits spring, ring and decay of a tool of one mode, and what "
@@ -41,8 +41,8 @@ def _refuse_tool(_: object) -> None:
     )
 
 
-_FrictionLaw = Annotated[dict[str, Any], AfterValidator(partial(_require_law, "friction"))]
-_ContactLaw = Annotated[dict[str, Any], AfterValidator(partial(_require_law, "contact"))]
+_FrictionLaw = Annotated[dict[str, Any], AfterValidator(partial(_validate_law, "friction"))]
+_ContactLaw = Annotated[dict[str, Any], AfterValidator(partial(_validate_law, "contact"))]
 
 
 class Probe(Strict):
@@ -64,10 +64,10 @@ class Probe(Strict):
     tip_radius: _Length | None = None
     friction: _FrictionLaw | None = None
     contact: _ContactLaw | None = None
-    tool: Annotated[None, BeforeValidator(_refuse_tool)] = None
+    tool: Annotated[None, BeforeValidator(_refuse_tool_law)] = None
 
 
-def _take_logarithm(known: tuple[float, float]) -> tuple[float, float]:
+def _convert_to_logarithm(known: tuple[float, float]) -> tuple[float, float]:
     """Return the logarithm of a gain with its standard uncertainty: the law has the logarithm."""
     gain, std = known
     return float(np.log(gain)), std / gain
@@ -82,7 +82,7 @@ def _convert_to_time_constant(known: tuple[float, float]) -> tuple[float, float]
 # pairs of a value and its standard uncertainty
 _KnownZero = tuple[_Force, Annotated[_Force, Field(gt=0.0)]] | None
 _KnownShare = tuple[_Ratio, _Gain] | None
-_KnownGain = Annotated[tuple[_Gain, _Gain], AfterValidator(_take_logarithm)] | None
+_KnownGain = Annotated[tuple[_Gain, _Gain], AfterValidator(_convert_to_logarithm)] | None
 _KnownBandwidth = (
     Annotated[tuple[Frequency, Frequency], AfterValidator(_convert_to_time_constant)] | None
 )
@@ -125,6 +125,6 @@ class Calibration(Strict):
     spring_constant: _KnownStiffness = None
     load_error: _KnownZero = Field(default=None, serialization_alias="load_bias_n")
 
-    def list_known(self) -> dict[str, tuple[float, float]]:
+    def list_known_constants(self) -> dict[str, tuple[float, float]]:
         """Return value and standard uncertainty of what is known, by the parameters of the laws."""
         return self.model_dump(by_alias=True, exclude_none=True)

@@ -57,7 +57,7 @@ def find_unit_in_name(name: str, dimension: str) -> str | None:
     return units[max(fitting, key=len)]
 
 
-def _parse(text: str, dimension: str, place: str) -> float:
+def _parse_quantity_at_place(text: str, dimension: str, place: str) -> float:
     """Parse a quantity into SI; what is wrong with it is said with its place in session.toml."""
     try:
         return parse_quantity(text, dimension)
@@ -127,7 +127,7 @@ class Channel(Strict):
         """
         unit = self._find_unit(dimension)
         if isinstance(self.factor, str):
-            return self._find_factor_of_volts(self.factor, unit or "V", dimension, place)
+            return self._find_factor_from_volts(self.factor, unit or "V", dimension, place)
         if unit in _VOLTS:
             raise BenchError(
                 f"`{place}.factor` must say what a volt is, such as '2.35 N/V', for a column in "
@@ -142,7 +142,7 @@ class Channel(Strict):
         except QuantityError as error:
             raise BenchError(f"`{place}` must have a unit of {dimension}, got {unit!r}") from error
 
-    def _find_factor_of_volts(self, factor: str, unit: str, dimension: str, place: str) -> float:
+    def _find_factor_from_volts(self, factor: str, unit: str, dimension: str, place: str) -> float:
         """Return the factor to SI of numbers in a unit of voltage, from a quantity per volt."""
         per_volt = _PER_VOLT.fullmatch(factor)
         if per_volt is None or unit not in _VOLTS:
@@ -150,7 +150,7 @@ class Channel(Strict):
                 f"`{place}.factor` must be a number, or a {dimension} per volt such as "
                 f"'2.35 N/V' of a column in V or mV, got {factor!r}"
             )
-        quantity = _parse(per_volt["quantity"], dimension, f"{place}.factor")
+        quantity = _parse_quantity_at_place(per_volt["quantity"], dimension, f"{place}.factor")
         return quantity / _VOLTS[per_volt["unit"]] * _VOLTS[unit]
 
     def find_offset_in_si(self, dimension: str, place: str) -> float:
@@ -159,7 +159,7 @@ class Channel(Strict):
             return self.offset * self.find_factor_to_si(dimension, place)
         voltage = _VOLTAGE.fullmatch(self.offset)
         if voltage is None or not isinstance(self.factor, str):
-            return _parse(self.offset, dimension, f"{place}.offset")
+            return _parse_quantity_at_place(self.offset, dimension, f"{place}.offset")
         unit = self._find_unit(dimension) or "V"
         number = float(voltage["number"])
         return (
@@ -178,7 +178,7 @@ class Channel(Strict):
             raise BenchError(
                 f"`{place}.tare` must say how long, such as 'first 0.1 s', got {self.tare!r}"
             )
-        return _parse(tare["duration"], "time", f"{place}.tare")
+        return _parse_quantity_at_place(tare["duration"], "time", f"{place}.tare")
 
 
 class DimensionedChannel(NamedTuple):

@@ -12,7 +12,7 @@ import pandas as pd
 from stepblocks.bench.channel import Channel, find_unit_in_name
 from stepblocks.bench.patterns import resolve_inside
 from stepblocks.bench.session import Session, TrialColumns
-from stepblocks.bench.trials import Trial, find_column, open_trials
+from stepblocks.bench.trials import Trial, find_declared_column, open_trials
 from stepblocks.errors import BenchError
 from stepblocks.files.dates import DateError, holds_dates, read_dates
 from stepblocks.files.numbers import NumberNotation
@@ -55,8 +55,8 @@ def read_conditions(session: Session) -> dict[str, Condition]:
     trials = list(table)
     sources = {}
     for part in ("block", "load", "speed"):
-        sources[part] = find_column(getattr(columns, part).column, table.header, part)
-    sources["height"], heights = find_heights(session, table.table, trials)
+        sources[part] = find_declared_column(getattr(columns, part).column, table.header, part)
+    sources["height"], heights = find_block_heights(session, table.table, trials)
     rows = []
     for trial, height in zip(trials, heights, strict=True):
         rows.append((trial.block, trial.load, height, 1e3 * trial.speed))
@@ -98,7 +98,9 @@ def _read_covariate(table: TextTable, column: str) -> dict[str, Condition]:
     return {f"{column}_elapsed_s": Condition(column, pd.Series(elapsed))}
 
 
-def insert_conditions(features: pd.DataFrame, conditions: Mapping[str, Condition]) -> pd.DataFrame:
+def replace_columns_by_conditions(
+    features: pd.DataFrame, conditions: Mapping[str, Condition]
+) -> pd.DataFrame:
     """Return a table of features with `conditions` in place of the columns they come from."""
     table = features.copy()
     for name, (column, values) in conditions.items():
@@ -111,7 +113,7 @@ def insert_conditions(features: pd.DataFrame, conditions: Mapping[str, Condition
     return table
 
 
-def find_heights(
+def find_block_heights(
     session: Session, table: TextTable, trials: Sequence[Trial]
 ) -> tuple[str, list[float]]:
     """Find the heights of the blocks of trials.
@@ -139,7 +141,7 @@ def find_heights(
     if channel is None:
         declared = _read_declared_heights(session)
         return "", [declared.get(trial.block, math.nan) for trial in trials]
-    column = find_column(channel.column, table.names, "height")
+    column = find_declared_column(channel.column, table.names, "height")
     place = "trials.columns.height"
     scale = 1e6 * channel.find_factor_to_si("length", place)
     offset = 1e6 * channel.find_offset_in_si("length", place)

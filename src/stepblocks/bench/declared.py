@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stepblocks.bench.conditions import find_heights
+from stepblocks.bench.conditions import find_block_heights
 from stepblocks.bench.examine import MEASURING_ERRORS
 from stepblocks.bench.session import Session
 from stepblocks.bench.signal import Array, Trace
@@ -131,7 +131,7 @@ def _check_tip_radii(session: Session, pilots: Sequence[Pilot]) -> None:
         read_tip_radii(labels, 1e6 * session.probe.tip_radius, f" [{session.table}]")
 
 
-def _explains_any(session: Session, pilots: Sequence[Pilot]) -> bool:
+def _does_any_agree(session: Session, pilots: Sequence[Pilot]) -> bool:
     """Tell whether any of some corrected trials agrees with session.toml by itself."""
     return any(_compare_with_declared(session, [pilot]).is_plausible() for pilot in pilots)
 
@@ -146,10 +146,10 @@ def _find_slip(traces: Traces, pilots: Sequence[Pilot], measured: Sequence[Pilot
     trials = [pilot.trial for pilot in pilots[::stride][:_TRIED]]
     read = _read_traces(traces, trials)
     for slip in Slip:
-        if _is_spoken_against(slip, measured):
+        if _is_excluded_by_signs(slip, measured):
             continue
         first = _measure_corrected(traces.session, trials[:_TRIED_FIRST], read, slip.correct)
-        if not _explains_any(traces.session, first):
+        if not _does_any_agree(traces.session, first):
             continue
         later = _measure_corrected(traces.session, trials[_TRIED_FIRST:], read, slip.correct)
         corrected = first + later
@@ -160,21 +160,21 @@ def _find_slip(traces: Traces, pilots: Sequence[Pilot], measured: Sequence[Pilot
     return None
 
 
-def _is_spoken_against(slip: Slip, measured: Sequence[Pilot]) -> bool:
+def _is_excluded_by_signs(slip: Slip, measured: Sequence[Pilot]) -> bool:
     """Tell whether trials as measured exclude a slip by their signs.
 
     Where the normal force presses as it should, reversing it would pull; where friction holds back
     as well, reversing the tangential force would push.
     """
-    presses = _is_positive(measured, "normal_load_n")
+    presses = _has_positive_median(measured, "normal_load_n")
     if slip in (Slip.NORMAL_SIGN, Slip.BOTH_SIGNS):
         return presses
     if slip is Slip.TANGENTIAL_SIGN:
-        return presses and _is_positive(measured, "sliding_friction")
+        return presses and _has_positive_median(measured, "sliding_friction")
     return False
 
 
-def _is_positive(measured: Sequence[Pilot], name: str) -> bool:
+def _has_positive_median(measured: Sequence[Pilot], name: str) -> bool:
     """Tell whether the median of a feature is known and positive."""
     values = np.array([pilot.features[name] for pilot in measured], dtype=float)
     known = values[np.isfinite(values)]
@@ -222,10 +222,12 @@ def _compare_with_declared(session: Session, measured: Sequence[Pilot]) -> Agree
         load = features["normal_load_n"] / trial.load
         ratios.append((spring, load, features["sliding_friction"]))
     springs, loads, frictions = np.array(ratios, dtype=float).reshape(-1, 3).T
-    return Agreement(_find_median(springs), _find_median(loads), _find_median(frictions))
+    return Agreement(
+        _find_median_or_one(springs), _find_median_or_one(loads), _find_median_or_one(frictions)
+    )
 
 
-def _find_median(ratios: Array) -> float:
+def _find_median_or_one(ratios: Array) -> float:
     """Return the median of what is known; 1 where nothing is."""
     known = ratios[np.isfinite(ratios)]
     if not known.size:
@@ -266,7 +268,7 @@ def _name_wrong_factor(session: Session, measured: Sequence[Pilot], spring: floa
         return f"correct the unit of `trials.columns.speed`, which is {times} times the right one"
     advice = f"correct it, or `trials.columns.speed`: one of them is {times} times the right one"
     advice += f"; or `acquisition.sample_rate` is {spring:.2g} times the right one"
-    advice += _describe_ring_by_right_rate(measured, spring)
+    advice += _describe_rate_from_ring(measured, spring)
     if math.isnan(misfit):
         advice += (
             f"; or `acquisition.channels.tangential.factor` is {spring:.3g} times the right one, "
@@ -275,7 +277,7 @@ def _name_wrong_factor(session: Session, measured: Sequence[Pilot], spring: floa
     return advice
 
 
-def _describe_ring_by_right_rate(measured: Sequence[Pilot], rate: float) -> str:
+def _describe_rate_from_ring(measured: Sequence[Pilot], rate: float) -> str:
     """Say that the ring speaks for a wrong rate, where it does; `rate` is shown over right rate."""
     rings = np.array([features["ring_frequency_hz"] for _, features in measured], dtype=float)
     known = rings[np.isfinite(rings)]
@@ -299,7 +301,7 @@ def _measure_misfit_of_blocks(session: Session, measured: Sequence[Pilot], gain:
     table = open_trials(session)
     trials = [pilot.trial for pilot in measured]
     try:
-        _, heights = find_heights(session, table.table, trials)
+        _, heights = find_block_heights(session, table.table, trials)
     except StepblocksError:
         return math.nan
     radius = session.probe.tip_radius or PAPER.ball_radius

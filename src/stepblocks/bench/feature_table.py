@@ -95,16 +95,16 @@ class RowSpool:
 
     def append(self, row: FeatureRow) -> None:
         """Add a row at the end."""
-        self._file.write(_serialise(row) + "\n")
+        self._file.write(_serialise_row(row) + "\n")
 
     def __iter__(self) -> Iterator[FeatureRow]:
         """Go through the rows from the first; none may be added meanwhile."""
         self._file.seek(0)
         for line in self._file:
-            yield _parse(line)
+            yield _parse_row(line)
 
 
-def _serialise(row: FeatureRow) -> str:
+def _serialise_row(row: FeatureRow) -> str:
     """Return a row as JSON; the digits of its numbers are all there."""
     fault = None
     if row.fault is not None:
@@ -121,7 +121,7 @@ def _serialise(row: FeatureRow) -> str:
     )
 
 
-def _parse(line: str) -> FeatureRow:
+def _parse_row(line: str) -> FeatureRow:
     """Return the row of a line of JSON; what its fault bounds is no part of the table."""
     fields = json.loads(line)
     fault = None
@@ -159,13 +159,13 @@ class LabelledRows:
     ) -> None:
         self._rows = rows
         self._faults = faults
-        self.shared = find_shared_faults(_list_measured(rows, covariates), faults)
+        self.shared = find_shared_faults(_iterate_measured(rows, covariates), faults)
 
     def __iter__(self) -> Iterator[FeatureRow]:
         for row in self._rows:
-            yield self._label(row)
+            yield self._mark_mislabelled(row)
 
-    def _label(self, row: FeatureRow) -> FeatureRow:
+    def _mark_mislabelled(self, row: FeatureRow) -> FeatureRow:
         """Mark a sound row by the fault of its label, unless the fault is shared."""
         fault = self._faults.get(row.row)
         if fault is None or row.status is not TrialStatus.OK or row.row in self.shared:
@@ -173,7 +173,7 @@ class LabelledRows:
         return row.mark(fault)
 
 
-def _list_measured(
+def _iterate_measured(
     rows: RowStore, covariates: Sequence[str]
 ) -> Iterator[tuple[int, dict[str, str]]]:
     """Yield row and conditions of each trial that was measured whole."""

@@ -102,7 +102,7 @@ def draw_trials(
     output = Path(output)
     declared = open_session(session, layout)
     table = open_trials(declared)
-    chosen = _choose_trials(table, trials)
+    chosen = _find_trials_by_name(table, trials)
     drawn = []
     with Traces(declared) as traces:
         if declared.acquisition.split:
@@ -120,7 +120,7 @@ def draw_trials(
     return drawn
 
 
-def _choose_trials(table: TrialTable, names: list[str] | None) -> list[Trial]:
+def _find_trials_by_name(table: TrialTable, names: list[str] | None) -> list[Trial]:
     """Return the trials of these names, as the table of trials or of features writes them."""
     if names is None:
         return list(islice(table, _FIRST))
@@ -157,7 +157,7 @@ def _draw_trial(title: str, trial: Trial, examination: Examination, path: Path) 
     else:
         caption = "\n".join(note.describe(measurement.features) for note in _NOTES)
         release = measurement.start + measurement.peak.time
-        curves = list(_list_curves(trace, measurement))
+        curves = list(_iterate_fitted_curves(trace, measurement))
     for axes in (whole, near):
         _draw_tangential(axes, trace, curves)
     near.set_xlim(1e3 * (release - _BEFORE_RELEASE), 1e3 * (release + _AFTER_RELEASE))
@@ -176,7 +176,7 @@ def _draw_tangential(axes: "Axes", trace: Trace, curves: list[_Curve]) -> None:
     axes.set_ylabel("tangential force / N")
 
 
-def _list_curves(trace: Trace, measurement: Measurement) -> Iterator[_Curve]:
+def _iterate_fitted_curves(trace: Trace, measurement: Measurement) -> Iterator[_Curve]:
     """Yield what was fitted to the tangential force: sliding, ramp and ring."""
     approach, after = measurement.approach, measurement.aftermath
     release = measurement.peak.time

@@ -102,7 +102,7 @@ class _LabelledTrials:
     peak: Array
     friction: Array
 
-    def describe_load(self, index: int) -> str:
+    def describe_load_contradiction(self, index: int) -> str:
         """Say that the normal force of a trial contradicts its load."""
         normal, load = self.normal[index], self.load[index]
         return f"the normal force is {normal:.3g} N, the load of this row is {load:.3g} N"
@@ -120,7 +120,7 @@ def _find_median(values: Array) -> float:
     return float(np.median(values))
 
 
-def _is_off(ratio: Array, usual: float, factor: float) -> NDArray[np.bool_]:
+def _mark_deviating(ratio: Array, usual: float, factor: float) -> NDArray[np.bool_]:
     """Tell which finite ratios differ from the usual one by more than a factor."""
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.isfinite(ratio) & ((ratio > usual * factor) | (ratio < usual / factor))
@@ -136,8 +136,8 @@ def _add_ratio_faults(
 ) -> None:
     """Note the trials whose ratio is off the median of the session by more than a factor."""
     usual = _find_median(ratio[np.isfinite(ratio)])
-    may_be_units = _is_off(ratio, usual, _UNIT_FACTOR)
-    for index in np.flatnonzero(_is_off(ratio, usual, factor)).tolist():
+    may_be_units = _mark_deviating(ratio, usual, _UNIT_FACTOR)
+    for index in np.flatnonzero(_mark_deviating(ratio, usual, factor)).tolist():
         kind = FaultKind.MISLABELLED
         if may_be_units[index]:
             kind = FaultKind.UNITS_CHANGED
@@ -150,7 +150,9 @@ def _add_load_faults(trials: _LabelledTrials, faults: dict[int, LabelFault]) -> 
     # a zero or a gain of the gauge shifts all trials along one line, and is no matter of labels
     usual_force = fit_load_line(trials.load, trials.normal)
     ratio = trials.normal / usual_force(trials.load)
-    _add_ratio_faults(trials, faults, ratio, _LOAD_FACTOR, Evidence.LOAD, trials.describe_load)
+    _add_ratio_faults(
+        trials, faults, ratio, _LOAD_FACTOR, Evidence.LOAD, trials.describe_load_contradiction
+    )
 
 
 def _add_unit_faults(trials: _LabelledTrials, faults: dict[int, LabelFault]) -> None:
@@ -158,10 +160,10 @@ def _add_unit_faults(trials: _LabelledTrials, faults: dict[int, LabelFault]) -> 
     ratio = trials.normal / trials.load
     known = np.flatnonzero(np.isfinite(ratio))
     usual = _find_median(ratio[known])
-    if not _is_off(np.array([usual]), 1.0, _WILD_FACTOR)[0]:
+    if not _mark_deviating(np.array([usual]), 1.0, _WILD_FACTOR)[0]:
         return
     for index in known.tolist():
-        details = trials.describe_load(index)
+        details = trials.describe_load_contradiction(index)
         fault = LabelFault(FaultKind.WRONG_UNITS, details, evidence=Evidence.LOAD)
         faults[int(trials.rows[index])] = fault
 
@@ -170,7 +172,7 @@ def _add_ramp_faults(trials: _LabelledTrials, faults: dict[int, LabelFault]) -> 
     """Note the trials whose ramp does not follow the speed as that of the session does."""
     usual = trials.find_usual_stiffness()
 
-    def describe_ramp(index: int) -> str:
+    def describe_ramp_contradiction(index: int) -> str:
         slope = trials.slope[index]
         speed_of_ramp = slope / usual * 1e3
         speed_of_row = trials.speed[index] * 1e3
@@ -180,7 +182,9 @@ def _add_ramp_faults(trials: _LabelledTrials, faults: dict[int, LabelFault]) -> 
         )
 
     ratio = trials.slope / trials.speed
-    _add_ratio_faults(trials, faults, ratio, _SLOPE_FACTOR, Evidence.RAMP, describe_ramp)
+    _add_ratio_faults(
+        trials, faults, ratio, _SLOPE_FACTOR, Evidence.RAMP, describe_ramp_contradiction
+    )
 
 
 def _add_duplicates(trials: _LabelledTrials, faults: dict[int, LabelFault]) -> None:
@@ -192,11 +196,11 @@ def _add_duplicates(trials: _LabelledTrials, faults: dict[int, LabelFault]) -> N
             continue
         first = first_rows.setdefault(int(trials.digests[index]), row)
         if first != row:
-            faults[row] = _describe_duplicate(first)
-            faults[first] = _describe_duplicate(row)
+            faults[row] = _make_duplicate_fault(first)
+            faults[first] = _make_duplicate_fault(row)
 
 
-def _describe_duplicate(row: int) -> LabelFault:
+def _make_duplicate_fault(row: int) -> LabelFault:
     """Make the fault of a trial whose samples stand for another row, too."""
     details = f"the same samples stand for row {row}"
     return LabelFault(FaultKind.DUPLICATE, details, evidence=Evidence.SAMPLES)
@@ -208,7 +212,7 @@ def _add_block_faults(trials: _LabelledTrials, faults: dict[int, LabelFault]) ->
     angle = np.arctan(trials.peak / trials.normal) - np.arctan(trials.friction)
     faulty = np.isin(trials.rows, list(faults))
     angle = np.where(faulty, math.nan, angle)
-    for index, block in _find_other_blocks(angle, trials.blocks).items():
+    for index, block in _find_blocks_with_same_angle(angle, trials.blocks).items():
         measured = trials.block_names[block]
         declared = trials.block_names[int(trials.blocks[index])]
         details = f"the forces are those of block {measured}, the row says {declared}"
@@ -216,7 +220,7 @@ def _add_block_faults(trials: _LabelledTrials, faults: dict[int, LabelFault]) ->
         faults.setdefault(int(trials.rows[index]), fault)
 
 
-def _find_other_blocks(angle: Array, block: NDArray[np.uint64]) -> dict[int, int]:
+def _find_blocks_with_same_angle(angle: Array, block: NDArray[np.uint64]) -> dict[int, int]:
     """Find the trials whose angle fits another block and not their own.
 
     Angles [rad] and blocks have shape (n,); the result has the other block by the trial's index.
@@ -255,7 +259,9 @@ def _suggest_exchanges(trials: _LabelledTrials, faults: dict[int, LabelFault]) -
         exchanged = pair[::-1]
         ramps = trials.slope[pair] / usual / trials.speed[exchanged]
         loads = trials.normal[pair] / trials.load[exchanged]
-        disagrees = _is_off(ramps, 1.0, _EXCHANGED) | _is_off(loads, 1.0, _EXCHANGED)
+        disagrees = _mark_deviating(ramps, 1.0, _EXCHANGED) | _mark_deviating(
+            loads, 1.0, _EXCHANGED
+        )
         if np.any(disagrees):
             continue
         names = ", ".join(trials.names[index] for index in pair)

@@ -365,7 +365,7 @@ def _list_contradictions(session: Session) -> Iterator[Mistake]:
 def _list_mistakes_of_patterns(declared: Document, folder: Path) -> list[Mistake]:
     """List what is wrong with the patterns of file names, also where other fields are unsound."""
     mistakes: list[Mistake] = []
-    traces = _read_text(declared, "acquisition", "traces")
+    traces = _find_unvalidated_text(declared, "acquisition", "traces")
     if traces is not None:
         place = "acquisition.traces"
         with collect_mistakes(mistakes):
@@ -375,12 +375,12 @@ def _list_mistakes_of_patterns(declared: Document, folder: Path) -> list[Mistake
             holds_all_trials = traces.lower().endswith(".csv") and "{" not in traces
             if holds_all_trials and not is_split:
                 raise BenchError(f"`{place}` must hold {{trial}} for CSV traces, got {traces!r}")
-    group = _read_text(declared, "acquisition", "group")
+    group = _find_unvalidated_text(declared, "acquisition", "group")
     if group is not None:
         with collect_mistakes(mistakes):
             check_pattern(group, "trial", "acquisition.group")
             resolve_inside(folder, group, "acquisition.group")
-    scans = _read_text(declared, "stimuli", "scans")
+    scans = _find_unvalidated_text(declared, "stimuli", "scans")
     if scans is not None:
         with collect_mistakes(mistakes):
             check_pattern(scans, "block", "stimuli.scans")
@@ -388,7 +388,7 @@ def _list_mistakes_of_patterns(declared: Document, folder: Path) -> list[Mistake
     return mistakes
 
 
-def _read_text(declared: Document, table: str, key: str) -> str | None:
+def _find_unvalidated_text(declared: Document, table: str, key: str) -> str | None:
     """Return a text of a document that was not validated; None where there is no such text."""
     fields = declared.get(table)
     if not isinstance(fields, dict):

@@ -117,8 +117,8 @@ class TrialTable:
         for row, cells in enumerate(self.table.rows, start=1):
             trial = self._build_trial(row, cells)
             try:
-                speed = self._read_number(trial.cells, speed_column)
-                load = self._read_number(trial.cells, load_column)
+                speed = self._read_condition(trial.cells, speed_column)
+                load = self._read_condition(trial.cells, load_column)
             except ValueError as error:
                 fault = trial.fault or TrialFault(FaultKind.WITHOUT_HEADING, str(error))
                 yield replace(trial, fault=fault)
@@ -158,7 +158,7 @@ class TrialTable:
             return TrialFault(FaultKind.WITHOUT_HEADING, details)
         return None
 
-    def _read_number(self, cells: Mapping[str, str], column: _NumberColumn) -> float:
+    def _read_condition(self, cells: Mapping[str, str], column: _NumberColumn) -> float:
         """Return a condition in SI; not-a-number without its column, `ValueError` if unsound."""
         if column.name not in cells:
             return math.nan
@@ -193,11 +193,11 @@ def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> Tri
     """
     table = _read_table(session)
     header = table.names
-    key = _check_header(session, header, reserved)
+    key = _find_trial_column(session, header, reserved)
     rows = _scan_rows(table, header.index(key))
     if rows.count == 0:
         raise BenchError(f"table of trials has no rows [{session.table}]")
-    declared_names = _find_declared_names(session, rows.names)
+    declared_names = _match_declared_trials(session, rows.names)
     swapped: dict[str, str] = {}
     for first, second in session.trials.swap:
         swapped[declared_names[first]] = declared_names[second]
@@ -229,17 +229,17 @@ def _read_table(session: Session) -> TextTable:
     return table
 
 
-def _check_header(session: Session, header: tuple[str, ...], reserved: frozenset[str]) -> str:
+def _find_trial_column(session: Session, header: tuple[str, ...], reserved: frozenset[str]) -> str:
     """Refuse a header with missing or reserved names; return the column of the trial."""
     columns = session.trials.columns
     mistakes: list[Mistake] = []
     key = None
     with collect_mistakes(mistakes):
-        key = find_column(columns.trial.column, header, "trial")
+        key = find_declared_column(columns.trial.column, header, "trial")
     for part in _OPTIONAL_COLUMNS:
         if part in columns.model_fields_set:
             with collect_mistakes(mistakes):
-                find_column(getattr(columns, part).column, header, part)
+                find_declared_column(getattr(columns, part).column, header, part)
     for name in sorted(set(header) & reserved - {key}):
         text = f"column `{name}` of the table of trials has a name that features use"
         mistakes.append(("", text))
@@ -248,7 +248,7 @@ def _check_header(session: Session, header: tuple[str, ...], reserved: frozenset
     return key
 
 
-def find_column(column: str | int, header: tuple[str, ...], part: str) -> str:
+def find_declared_column(column: str | int, header: tuple[str, ...], part: str) -> str:
     """Return the name of a declared column.
 
     Parameters
@@ -320,7 +320,7 @@ def _scan_rows(table: TextTable, key: int) -> _RowScan:
     return scan
 
 
-def _find_declared_names(session: Session, names: Iterable[str]) -> dict[str | int, str]:
+def _match_declared_trials(session: Session, names: Iterable[str]) -> dict[str | int, str]:
     """Find the trials that session.toml excludes or swaps, as the table writes them.
 
     Raises
@@ -335,7 +335,7 @@ def _find_declared_names(session: Session, names: Iterable[str]) -> dict[str | i
     found: dict[str | int, str] = {}
     mistakes: list[Mistake] = []
     for number in dict.fromkeys(declared):
-        name = _find_name(number, names)
+        name = _match_trial_name(number, names)
         if name is None:
             rule = "`trials.exclude` and `trials.swap` must name trials of the table"
             mistakes.append(("", f"{rule}, got {number!r}"))
@@ -353,7 +353,7 @@ def _find_declared_names(session: Session, names: Iterable[str]) -> dict[str | i
     return found
 
 
-def _find_name(declared: str | int, names: Iterable[str]) -> str | None:
+def _match_trial_name(declared: str | int, names: Iterable[str]) -> str | None:
     """Find a trial by its declared name; 73 may be written 0073 in the table."""
     text = str(declared)
     for name in names:

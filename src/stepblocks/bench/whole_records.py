@@ -159,7 +159,7 @@ def fit_session_records(
     return rows
 
 
-def put_whole_records(
+def replace_by_whole_records(
     features: pd.DataFrame, rows: Sequence[RecordRow], spring_constant: float
 ) -> pd.DataFrame:
     """Return a table of features in which peak, ring and energy are those of the whole records.
@@ -184,12 +184,12 @@ def put_whole_records(
     for row in rows:
         if row.record is None or row.trial in bounded_trials or row.trial not in places:
             continue
-        for name, value in _describe_as_features(row.record, spring_constant).items():
+        for name, value in _list_record_features(row.record, spring_constant).items():
             replaced.loc[places[row.trial], name] = value
     return replaced
 
 
-def _describe_as_features(record: WholeRecord, spring_constant: float) -> dict[str, float]:
+def _list_record_features(record: WholeRecord, spring_constant: float) -> dict[str, float]:
     """Describe a whole record in columns of a table of features, its energy among them [SI]."""
     cells: dict[str, float] = {}
     for name, std_name, attribute in _QUANTITIES:

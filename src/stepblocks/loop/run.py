@@ -200,14 +200,14 @@ class _SessionFolder:
         announce: Announce | None,
     ) -> LoopResult:
         """Measure and explain the session, and write the result where there is an output."""
-        from stepblocks.bench.conditions import insert_conditions, read_conditions
+        from stepblocks.bench.conditions import read_conditions, replace_columns_by_conditions
         from stepblocks.bench.figures import draw_trials
         from stepblocks.bench.measure import estimate_tool, measure_session
         from stepblocks.bench.traces import Traces
         from stepblocks.bench.trials import open_trials
         from stepblocks.bench.whole_records import (
             fit_session_records,
-            put_whole_records,
+            replace_by_whole_records,
             write_record_rows,
         )
 
@@ -232,7 +232,7 @@ class _SessionFolder:
                     tool=tool,
                     layout=layout,
                 )
-            with_conditions = insert_conditions(features, conditions)
+            with_conditions = replace_columns_by_conditions(features, conditions)
             sizes = self._find_block_sizes(with_conditions)
             explain_table = partial(self._explain, sizes=sizes, jobs=jobs, announce=announce)
             result = explain_table(with_conditions)
@@ -240,8 +240,10 @@ class _SessionFolder:
                 rows = fit_session_records(self.folder, jobs, layout, tool)
                 if output is not None:
                     write_record_rows(rows, output / "whole-record.csv")
-                replaced = put_whole_records(features, rows, self.declared.probe.spring_constant)
-                with_records = insert_conditions(replaced, conditions)
+                replaced = replace_by_whole_records(
+                    features, rows, self.declared.probe.spring_constant
+                )
+                with_records = replace_columns_by_conditions(replaced, conditions)
                 choice = choose_records(
                     result, self._build_table(with_records, sizes.scans), Rules().seed
                 )
@@ -263,7 +265,7 @@ class _SessionFolder:
             self.tip_radius,
             sizes.scans,
             jobs=jobs,
-            known=self.declared.calibration.list_known(),
+            known=self.declared.calibration.list_known_constants(),
             laws=self._list_known_laws(),
             announce=announce,
         )
@@ -291,7 +293,7 @@ class _SessionFolder:
             self.declared.probe.spring_constant,
             self.tip_radius,
             scans,
-            self.declared.calibration.list_known(),
+            self.declared.calibration.list_known_constants(),
             self._list_known_laws(),
         )
 

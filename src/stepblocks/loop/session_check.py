@@ -13,7 +13,7 @@ from stepblocks.bench.faults import TraceError
 from stepblocks.bench.measure import Progress, check_output, check_pilots, measure_pilots
 from stepblocks.bench.session import Session, open_session
 from stepblocks.bench.signal import Trace
-from stepblocks.bench.signal.screening import RATE_TOLERANCE, compute_rate
+from stepblocks.bench.signal.screening import RATE_TOLERANCE, compute_sample_rate
 from stepblocks.bench.traces import Traces
 from stepblocks.bench.trials import open_trials
 from stepblocks.errors import BenchError
@@ -123,7 +123,7 @@ def _check_quantity(
     spring_constant = declared.probe.spring_constant
     features = pd.DataFrame([result.features for result in measured])
     loads = np.array([result.trial.load for result in measured])
-    known = {**estimate_unloaded_zeros(features), **declared.calibration.list_known()}
+    known = {**estimate_unloaded_zeros(features), **declared.calibration.list_known_constants()}
     shown = _read_feature(measured, "normal_load_n") / loads
     if quantity is Declared.SPRING:
         shown = _read_feature(measured, "spring_constant_n_per_m") / spring_constant
@@ -147,7 +147,7 @@ class _ClockedTraces(Traces):
         """Read one trace in SI, and keep its rate."""
         trace = super().read(trial)
         if trace.time.size >= _FEWEST_SAMPLES:
-            self._rates[trial] = compute_rate(trace.time)
+            self._rates[trial] = compute_sample_rate(trace.time)
         return trace
 
     def find_rate(self, trial: str) -> float | None:

@@ -294,7 +294,7 @@ def find_regime_hints(table: SessionTable) -> tuple[Hint, ...]:
 
 def read_trial_table(session: Path, layout: TableLayout = UNDECLARED) -> pd.DataFrame:
     """Read the log of a session as the table of trials from which a learned model predicts."""
-    from stepblocks.bench.conditions import insert_conditions, read_conditions
+    from stepblocks.bench.conditions import read_conditions, replace_columns_by_conditions
     from stepblocks.bench.session import open_session
     from stepblocks.bench.trials import open_trials
 
@@ -303,7 +303,7 @@ def read_trial_table(session: Path, layout: TableLayout = UNDECLARED) -> pd.Data
     for row in open_trials(declared):
         rows.append({"trial": row.name, **row.cells})
     table = pd.DataFrame(rows).assign(**{FIRST_FIGURE: np.nan})
-    table = insert_conditions(table, read_conditions(declared))
+    table = replace_columns_by_conditions(table, read_conditions(declared))
     return table.assign(**derive_covariates(table))
 
 

@@ -53,7 +53,7 @@ class Trace:
     normal: Array
 
 
-def check_size(count: int, channel: str | int) -> None:
+def refuse_oversized_channel(count: int, channel: str | int) -> None:
     """Refuse a channel before it is read into memory.
 
     Raises
@@ -68,6 +68,6 @@ def check_size(count: int, channel: str | int) -> None:
         )
 
 
-def join_first(names: Iterable[str]) -> str:
+def join_first_eight(names: Iterable[str]) -> str:
     """Return the first eight names."""
     return ", ".join(islice(names, _LISTED_NAMES))

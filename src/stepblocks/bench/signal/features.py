@@ -100,7 +100,7 @@ class Zeros(NamedTuple):
     normal: Estimate
 
 
-def _name(estimate: Estimate, name: str, name_of_std: str) -> Features:
+def _name_value_and_std(estimate: Estimate, name: str, name_of_std: str) -> Features:
     """Return value and standard uncertainty of an estimate by their names."""
     value, std = estimate
     return {name: value, name_of_std: std}
@@ -157,7 +157,7 @@ class Loading:
         slope = self.compute_ramp_slope()
         return Estimate(slope.value / self.speed, slope.std / self.speed)
 
-    def compute_friction(self) -> Estimate:
+    def compute_friction_coefficient(self) -> Estimate:
         """Return sliding over normal force [1]."""
         load, load_std = self.load
         friction = math.nan
@@ -172,22 +172,26 @@ class Loading:
         """Return the features that no saturation after the peak spoils."""
         peak = self.peak
         features: Features = {}
-        features |= _name(self.compute_friction(), "sliding_friction", "sliding_friction_std")
-        features |= _name(self.load, "normal_load_n", "normal_load_std_n")
+        features |= _name_value_and_std(
+            self.compute_friction_coefficient(), "sliding_friction", "sliding_friction_std"
+        )
+        features |= _name_value_and_std(self.load, "normal_load_n", "normal_load_std_n")
         features["loading_onset_s"] = self.approach.onset + self.start
-        features |= _name(
+        features |= _name_value_and_std(
             self.compute_ramp_slope(), "loading_slope_n_per_s", "loading_slope_std_n_per_s"
         )
-        features |= _name(
+        features |= _name_value_and_std(
             self.compute_ramp_spring_constant(),
             "spring_constant_n_per_m",
             "spring_constant_std_n_per_m",
         )
         force = Estimate(peak.force, peak.force_std)
-        features |= _name(force, "peak_force_n", "peak_force_std_n")
+        features |= _name_value_and_std(force, "peak_force_n", "peak_force_std_n")
         features["release_time_s"] = peak.time + self.start
-        features |= _name(self.zeros.tangential, "tangential_zero_n", "tangential_zero_std_n")
-        features |= _name(self.zeros.normal, "normal_zero_n", "normal_zero_std_n")
+        features |= _name_value_and_std(
+            self.zeros.tangential, "tangential_zero_n", "tangential_zero_std_n"
+        )
+        features |= _name_value_and_std(self.zeros.normal, "normal_zero_n", "normal_zero_std_n")
         return features
 
 
@@ -220,15 +224,19 @@ class Measurement(Loading):
         """
         after = self.aftermath
         features = self.list_loading_features()
-        features |= _name(after.level, "release_level_n", "release_level_std_n")
-        features |= _name(after.frequency, "ring_frequency_hz", "ring_frequency_std_hz")
-        features |= _name(after.decay_time, "decay_time_s", "decay_time_std_s")
-        features |= _name(
+        features |= _name_value_and_std(after.level, "release_level_n", "release_level_std_n")
+        features |= _name_value_and_std(
+            after.frequency, "ring_frequency_hz", "ring_frequency_std_hz"
+        )
+        features |= _name_value_and_std(after.decay_time, "decay_time_s", "decay_time_std_s")
+        features |= _name_value_and_std(
             after.friction_decay, "friction_decay_n_per_s", "friction_decay_std_n_per_s"
         )
-        features |= _name(after.amplitude, "ring_amplitude_n", "ring_amplitude_std_n")
+        features |= _name_value_and_std(after.amplitude, "ring_amplitude_n", "ring_amplitude_std_n")
         features |= list_energy_features(after.amplitude, self.spring_constant)
-        features |= _name(self.sympathetic, "sympathetic_force_n", "sympathetic_force_std_n")
+        features |= _name_value_and_std(
+            self.sympathetic, "sympathetic_force_n", "sympathetic_force_std_n"
+        )
         features["loading_share_0_100hz"] = self.shares.loading
         features["vibration_share_250_350hz"] = self.shares.vibration
         features |= self._list_sticking_features()
@@ -245,9 +253,11 @@ class Measurement(Loading):
             amplitude = self.saw.amplitude
             stick_time = self.saw.stick_time
             static_friction = Estimate(static, std)
-        features = _name(amplitude, "stick_slip_amplitude_n", "stick_slip_amplitude_std_n")
-        features |= _name(stick_time, "stick_time_s", "stick_time_std_s")
-        features |= _name(static_friction, "static_friction", "static_friction_std")
+        features = _name_value_and_std(
+            amplitude, "stick_slip_amplitude_n", "stick_slip_amplitude_std_n"
+        )
+        features |= _name_value_and_std(stick_time, "stick_time_s", "stick_time_std_s")
+        features |= _name_value_and_std(static_friction, "static_friction", "static_friction_std")
         return features
 
 
@@ -382,19 +392,19 @@ def measure_censored(trace: Trace, spring_constant: float, speed: float, bound: 
     """
     try:
         if bound is Bound.PEAK_FORCE:
-            return _measure_loading(trace, speed).list_loading_features()
+            return _measure_bounded_loading(trace, speed).list_loading_features()
         # what saturates after the slip, or only along the normal, leaves the peak whole
         measurement = measure_trace(trace, spring_constant, speed)
     except (LandmarkError, ValueError, np.linalg.LinAlgError):
         return {}
     if bound is Bound.NORMAL_FORCE:
-        return _list_features_without_load(trace, measurement.features)
+        return _drop_features_over_load(trace, measurement.features)
     features = measurement.list_loading_features()
     features["loading_share_0_100hz"] = measurement.shares.loading
     return features
 
 
-def _measure_loading(trace: Trace, speed: float) -> Loading:
+def _measure_bounded_loading(trace: Trace, speed: float) -> Loading:
     """Measure a record up to its highest sample, which is a lower bound of the peak."""
     set_down = find_set_down(trace)
     start = trace.time[set_down.first]
@@ -414,7 +424,7 @@ def _measure_loading(trace: Trace, speed: float) -> Loading:
     )
 
 
-def _list_features_without_load(trace: Trace, features: Features) -> Features:
+def _drop_features_over_load(trace: Trace, features: Features) -> Features:
     """Leave out what counts by the load where the normal gauge stood still while sliding."""
     # a level at which the gauge stood still is less than the force, and friction over it is no
     # friction

@@ -150,7 +150,7 @@ def _find_corner_of_fall(
     time: Array, force: Array, marks: Landmarks, approach: Approach
 ) -> Peak | None:
     """Find where the line of the ramp meets a parabola through the first samples after it."""
-    first = _find_begin_of_fall(time, force, marks, approach)
+    first = _find_first_after_corner(time, force, marks, approach)
     if first is None:
         return None
     fall = slice(first, first + _FALL_SAMPLES)
@@ -159,7 +159,7 @@ def _find_corner_of_fall(
     steps = (time[fall] - time[first]) / step
     columns = np.vander(steps, 3, increasing=True)
     weights, covariance = fit_with_covariance(columns, excess)
-    place = _find_crossing(weights)
+    place = _find_last_fall_through_zero(weights)
     if place is None:
         return None
     rate = (weights[1] + 2.0 * weights[2] * place) / step
@@ -177,7 +177,7 @@ def _find_corner_of_fall(
     return Peak(instant, ramp.value, math.hypot(ramp.std, std_of_fall, unseen), corner=True)
 
 
-def _find_begin_of_fall(
+def _find_first_after_corner(
     time: Array, force: Array, marks: Landmarks, approach: Approach
 ) -> int | None:
     """Find the first sample after a corner; None where the force leaves the ramp gently."""
@@ -196,7 +196,7 @@ def _find_begin_of_fall(
     return first
 
 
-def _find_crossing(weights: Array) -> float | None:
+def _find_last_fall_through_zero(weights: Array) -> float | None:
     """Return where a parabola last falls through zero before its begin, in samples from it."""
     grid = np.linspace(-_CORNER_REACH, 0.0, 701)
     excess = np.vander(grid, 3, increasing=True) @ weights
@@ -209,7 +209,7 @@ def _find_crossing(weights: Array) -> float | None:
 def _find_rounded_peak(time: Array, force: Array, marks: Landmarks, approach: Approach) -> Peak:
     """Return the top of a cubic about the highest sample."""
     clean = force - approach.compute_hum(time)
-    top = _find_top(time, clean, marks)
+    top = _find_top_samples(time, clean, marks)
     since = time[top] - time[marks.peak]
     reach = float(np.abs(since).max())
     columns = np.vander(since / reach, 4, increasing=True)
@@ -224,7 +224,7 @@ def _find_rounded_peak(time: Array, force: Array, marks: Landmarks, approach: Ap
     return Peak(instant, float(heights[best]), std, corner=False)
 
 
-def _find_top(time: Array, clean: Array, marks: Landmarks) -> slice:
+def _find_top_samples(time: Array, clean: Array, marks: Landmarks) -> slice:
     """Return the samples of a rounded peak; `clean` is the force without hum [N]."""
     smooth = np.convolve(clean, np.full(5, 0.2), mode="same")
     tolerance = max(_TOP_SHARE * marks.rise, _TOP_NOISE * marks.noise)

@@ -110,7 +110,7 @@ def find_saw(
         None where the tip slides.
     """
     smooth = np.convolve(force, np.full(3, 1.0 / 3.0), mode="same")[: marks.peak]
-    slope = _measure_ramp(time, force, smooth, marks)
+    slope = _measure_ramp_slope(time, force, smooth, marks)
     if slope <= 0.0:
         return None
     teeth = _find_teeth(time, smooth, marks.noise)
@@ -119,7 +119,7 @@ def find_saw(
     return _measure_saw(time, force, marks, teeth, tool=tool, stiffness=stiffness, slope=slope)
 
 
-def _measure_ramp(time: Array, force: Array, smooth: Array, marks: Landmarks) -> float:
+def _measure_ramp_slope(time: Array, force: Array, smooth: Array, marks: Landmarks) -> float:
     """Return the slope of the ramp of the edge [N/s]; 0 where too few samples show it."""
     share = (smooth - marks.level) / marks.rise
     first = int(np.flatnonzero(share < _RAMP_BEGIN)[-1])
@@ -201,7 +201,9 @@ def _measure_saw(
     omega = 2.0 * math.pi * frequency
     late = slope / omega
     static = kinetic + math.sqrt(max((top - kinetic) ** 2 - late**2, 0.0))
-    unseen = _compute_friction_of_speed(static - kinetic, omega * (top - kinetic), slope, stiffness)
+    unseen = _compute_average_extra_friction(
+        static - kinetic, omega * (top - kinetic), slope, stiffness
+    )
     amplitude_std = math.hypot(top_std, bottom_std)
     kinetic_std = math.hypot(0.5 * amplitude_std, 0.5 * unseen)
     kinetic -= unseen
@@ -218,7 +220,7 @@ def _measure_saw(
     )
 
 
-def _compute_friction_of_speed(
+def _compute_average_extra_friction(
     fall: float, fastest_force: float, slope: float, stiffness: float
 ) -> float:
     """Return how much of static friction over kinetic a slip still feels on average [N].

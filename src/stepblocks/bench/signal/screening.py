@@ -52,7 +52,7 @@ def has_ascending_time(trace: Trace) -> bool:
     return bool(np.all(np.diff(trace.time) > 0.0))
 
 
-def compute_rate(time: Array) -> float:
+def compute_sample_rate(time: Array) -> float:
     """Return the samples per second [Hz] of instants [s] of shape (n,), n at least 2."""
     duration = time[-1] - time[0]
     mean_step = float(duration / (time.size - 1))
@@ -90,7 +90,7 @@ def _find_clock_fault(time: Array, sample_rate: float) -> TrialFault | None:
         gap = steps[widest] * 1e3
         details = f"{gap:.3g} ms without samples after {time[widest]:.6g} s"
         return TrialFault(FaultKind.GAP, details)
-    rate = compute_rate(time)
+    rate = compute_sample_rate(time)
     if abs(rate / sample_rate - 1.0) > RATE_TOLERANCE:
         details = f"{rate:.6g} Hz, declared are {sample_rate:.6g} Hz"
         return TrialFault(FaultKind.WRONG_RATE, details)
@@ -121,16 +121,16 @@ def _find_saturation(name: str, values: Array, limit: float | None) -> TrialFaul
         return TrialFault(FaultKind.SATURATED, details, at_top)
     run = _find_flat_top(values)
     if run is not None:
-        details = _describe_flat(run, f"highest {name}", float(values.max()))
+        details = _describe_flat_run(run, f"highest {name}", float(values.max()))
         return TrialFault(FaultKind.SATURATED, details, at_top)
     run = _find_flat_top(-1.0 * values)
     if run is not None:
-        details = _describe_flat(run, f"lowest {name}", float(values.min()))
+        details = _describe_flat_run(run, f"lowest {name}", float(values.min()))
         return TrialFault(FaultKind.SATURATED, details, at_bottom)
     return None
 
 
-def _describe_flat(run: "_Run", extreme: str, force: float) -> str:
+def _describe_flat_run(run: "_Run", extreme: str, force: float) -> str:
     return f"{run.length} samples in a row at the {extreme} force, {force:.4g} N"
 
 

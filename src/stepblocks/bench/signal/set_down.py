@@ -49,7 +49,9 @@ def find_set_down(trace: Trace) -> SetDown:
     calm = max(round(_CALM * (trace.time.size - 1) / duration), 5)
     loaded = _find_loading(trace, calm)
     force = trace.tangential[loaded.first :]
-    motion = _find_motion(force, loaded.tangential_zero.value, calm, pulled_up=loaded.first > 0)
+    motion = _find_sliding_start(
+        force, loaded.tangential_zero.value, calm, pulled_up=loaded.first > 0
+    )
     return loaded._replace(first=loaded.first + motion)
 
 
@@ -89,7 +91,7 @@ def _measure_zero(force: Array) -> Estimate:
     return Estimate(float(np.mean(force)), std)
 
 
-def _find_motion(force: Array, zero: float, calm: int, *, pulled_up: bool) -> int:
+def _find_sliding_start(force: Array, zero: float, calm: int, *, pulled_up: bool) -> int:
     """Find the first sample at the sliding force.
 
     Parameters
@@ -110,7 +112,7 @@ def _find_motion(force: Array, zero: float, calm: int, *, pulled_up: bool) -> in
     if not math.isfinite(zero):
         at_rest = float(np.median(smooth[:calm]))
     climb = smooth[: int(np.argmax(smooth)) + 1] - at_rest
-    foot = _find_foot(climb, calm)
+    foot = _find_ramp_start(climb, calm)
     level = float(np.median(climb[max(foot - 3 * calm, 0) : foot]))
     mean = uniform_filter1d(force, calm) - at_rest
     start = int(np.argmax(np.append(mean[:foot] >= 0.5 * level, True)))
@@ -123,19 +125,19 @@ def _find_motion(force: Array, zero: float, calm: int, *, pulled_up: bool) -> in
     return first + int(np.argmax(climb[first:] >= level))
 
 
-def _find_foot(climb: Array, calm: int) -> int:
+def _find_ramp_start(climb: Array, calm: int) -> int:
     """Return the sample at which the ramp begins; `climb` is the force over rest [N]."""
     # the line through the middle of the ramp meets the force at rest before the ramp begins; where
     # the spring hardens, time as a parabola of the force does
-    low = _find_last_below(climb, 0.5)
-    middle = _find_last_below(climb, 0.7)
-    upper = _find_last_below(climb, 0.9)
+    low = _count_to_last_below(climb, 0.5)
+    middle = _count_to_last_below(climb, 0.7)
+    upper = _count_to_last_below(climb, 0.9)
     line = 4.5 * middle - 3.5 * upper
     parabola = 7.875 * low - 11.25 * middle + 4.375 * upper
     return max(int(min(line, parabola)), calm)
 
 
-def _find_last_below(climb: Array, share: float) -> int:
+def _count_to_last_below(climb: Array, share: float) -> int:
     """Return the last sample at less than a share of the top, counted from 1; 0 for none."""
     below = np.append(True, climb < share * climb[-1])
     return int(np.flatnonzero(below)[-1])

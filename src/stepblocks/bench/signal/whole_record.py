@@ -100,15 +100,15 @@ class _ShapeFit:
 
     def get_release(self) -> Estimate:
         """Return the instant of the release, from the one that was stated [s]."""
-        return self._get_parameter(-3)
+        return self._estimate_shape_parameter(-3)
 
     def get_frequency(self) -> Estimate:
         """Return the frequency of the ring [Hz]."""
-        return self._get_parameter(-2)
+        return self._estimate_shape_parameter(-2)
 
     def get_decay_time(self) -> Estimate:
         """Return the decay time of the ring [s]."""
-        return self._get_parameter(-1)
+        return self._estimate_shape_parameter(-1)
 
     def get_slope(self) -> Estimate:
         """Return the slope of the ramp [N/s]."""
@@ -122,7 +122,7 @@ class _ShapeFit:
         if self.shape in _FALLS:
             parts.append(_REST)
         peak = float(self.fitted.weights[parts].sum())
-        return Estimate(peak, self._propagate(parts, np.ones(len(parts))))
+        return Estimate(peak, self._propagate_std(parts, np.ones(len(parts))))
 
     def estimate_amplitude(self) -> Estimate:
         """Estimate the amplitude of the ring at the release from its cosine and sine [N]."""
@@ -130,14 +130,14 @@ class _ShapeFit:
         amplitude = float(np.hypot(*parts))
         if amplitude == 0.0:
             return Estimate(0.0, math.nan)
-        return Estimate(amplitude, self._propagate([_COSINE, _SINE], parts / amplitude))
+        return Estimate(amplitude, self._propagate_std([_COSINE, _SINE], parts / amplitude))
 
-    def _get_parameter(self, place: int) -> Estimate:
-        """Return a nonlinear parameter, counted from the last one."""
-        index = self.fitted.shape.size + place
+    def _estimate_shape_parameter(self, from_end: int) -> Estimate:
+        """Return a nonlinear parameter by its negative index, -1 for the last one."""
+        index = self.fitted.shape.size + from_end
         return Estimate(float(self.fitted.shape[index]), self.fitted.get_std(index))
 
-    def _propagate(self, places: list[int], slopes: Array) -> float:
+    def _propagate_std(self, places: list[int], slopes: Array) -> float:
         """Return the standard uncertainty of a sum of weights, each times its slope."""
         at = self.fitted.shape.size + np.array(places)
         covariance = self.fitted.covariance[np.ix_(at, at)]

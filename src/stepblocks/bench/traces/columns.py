@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from stepblocks.bench.faults import FaultKind, TraceError, TrialFault
-from stepblocks.bench.signal import check_size
+from stepblocks.bench.signal import refuse_oversized_channel
 from stepblocks.bench.traces.formats import READERS
 from stepblocks.bench.traces.reader import TextLayout, TraceReader, TrialPlace
 from stepblocks.bench.traces.rows import TrialRow
@@ -25,7 +25,7 @@ _LONGEST_REASON = 120  # letters of a message of a library
 _LONGEST_FAULT = 300  # letters of a message, of names in the file too
 
 
-def read_columns(
+def read_columns_in_worker(
     path: Path,
     kind: str,
     layout: Mapping[str, Any],
@@ -73,7 +73,7 @@ def read_columns(
     }
 
 
-def close_traces(path: Path) -> dict[str, object]:
+def close_container_in_worker(path: Path) -> dict[str, object]:
     """Let a container go."""
     _open_container.cache_clear()
     return {}
@@ -82,7 +82,7 @@ def close_traces(path: Path) -> dict[str, object]:
 def _read_columns(
     path: Path, kind: str, layout: TextLayout, place: TrialPlace, names: Sequence[str | int]
 ) -> dict[str, object]:
-    """Read columns and increments; see `read_columns`."""
+    """Read columns and increments; see `read_columns_in_worker`."""
     reader = READERS[kind]
     if place.has_own_file:
         opened = reader.open(path, layout)
@@ -126,7 +126,7 @@ def _convert_samples(values: object, name: str | int) -> Array:
             FaultKind.WITHOUT_HEADING,
             f"channel {name!r} holds no numbers but {array.dtype}",
         )
-    check_size(array.size, name)
+    refuse_oversized_channel(array.size, name)
     if array.ndim > 1 and max(array.shape) != array.size:
         raise TraceError(
             FaultKind.WITHOUT_HEADING,

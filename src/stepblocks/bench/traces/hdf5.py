@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stepblocks.bench.faults import FaultKind, TraceError
-from stepblocks.bench.signal import MOST_SAMPLES, check_size, join_first
+from stepblocks.bench.signal import MOST_SAMPLES, join_first_eight, refuse_oversized_channel
 from stepblocks.bench.traces.reader import TextLayout, TraceReader, TrialPlace
-from stepblocks.bench.traces.rows import TrialRow, cut_filling, describe_arrays
+from stepblocks.bench.traces.rows import TrialRow, cut_trailing_nans, describe_arrays
 
 _CACHE = 256 * 2**10  # descriptions of groups that are kept, in their size on disk [bytes]
 _LISTED_ITEMS = 10  # of a file, which a message may list
@@ -57,11 +57,11 @@ class Hdf5Reader(TraceReader["h5py.File", "h5py.Group | h5py.Dataset | RowOfFile
         for name in place.groups:
             if name in file:
                 group = file[name]
-                _require_inside(group, file)
+                _refuse_external(group, file)
                 return group
         raise TraceError(
             FaultKind.MISSING,
-            f"no group {place.groups[0]!r} among the traces; {_describe_file(file)}",
+            f"no group {place.groups[0]!r} among the traces; {_describe_top_level(file)}",
         )
 
     def read_column(
@@ -75,13 +75,13 @@ class Hdf5Reader(TraceReader["h5py.File", "h5py.Group | h5py.Dataset | RowOfFile
         if isinstance(name, int) or name not in group:
             raise TraceError(
                 FaultKind.UNKNOWN_CHANNEL,
-                f"no {name!r} in the group, it has {join_first(group)}",
+                f"no {name!r} in the group, it has {join_first_eight(group)}",
             )
         dataset = group[name]
         if not isinstance(dataset, h5py.Dataset):
             raise TraceError(FaultKind.WITHOUT_HEADING, f"channel {name!r} is a group, no dataset")
-        _require_inside(dataset, group)
-        check_size(dataset.size, name)
+        _refuse_external(dataset, group)
+        refuse_oversized_channel(dataset.size, name)
         return np.asarray(dataset[()])
 
     def read_attributes(
@@ -101,7 +101,7 @@ class Hdf5Reader(TraceReader["h5py.File", "h5py.Group | h5py.Dataset | RowOfFile
         return attributes
 
 
-def _describe_file(file: "h5py.File") -> str:
+def _describe_top_level(file: "h5py.File") -> str:
     """Say what a file holds at its top."""
     shapes: dict[str, tuple[int, ...]] = {}
     for name in islice(file, _LISTED_ITEMS):
@@ -115,23 +115,23 @@ def _read_row(group: RowOfFile, name: str | int) -> ArrayLike:
     if isinstance(name, int) or name not in group.file:
         raise TraceError(
             FaultKind.UNKNOWN_CHANNEL,
-            f"no array {name!r}; {_describe_file(group.file)}",
+            f"no array {name!r}; {_describe_top_level(group.file)}",
         )
     array = group.file[name]
     if not isinstance(array, h5py.Dataset):
         raise TraceError(FaultKind.WITHOUT_HEADING, f"channel {name!r} is a group, no array")
-    _require_inside(array, group.file)
+    _refuse_external(array, group.file)
     if max(array.shape, default=0) == array.size:
-        check_size(array.size, name)
+        refuse_oversized_channel(array.size, name)
         return np.asarray(array[()]).ravel()
-    axis = group.row.find_axis(array.shape, name)
-    check_size(array.shape[1 - axis], name)
+    axis = group.row.find_trial_axis(array.shape, name)
+    refuse_oversized_channel(array.shape[1 - axis], name)
     if axis == 0:
-        return cut_filling(np.asarray(array[group.row.number, :]))
-    return cut_filling(np.asarray(array[:, group.row.number]))
+        return cut_trailing_nans(np.asarray(array[group.row.number, :]))
+    return cut_trailing_nans(np.asarray(array[:, group.row.number]))
 
 
-def _require_inside(item: "h5py.HLObject", container: "h5py.HLObject") -> None:
+def _refuse_external(item: "h5py.HLObject", container: "h5py.HLObject") -> None:
     """Refuse what lies in another file, by a link or by storage outside.
 
     A session is what its folder holds.

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from scipy.io import loadmat, whosmat
 
 from stepblocks.bench.faults import FaultKind, TraceError
-from stepblocks.bench.signal import join_first
+from stepblocks.bench.signal import join_first_eight
 from stepblocks.bench.traces.hdf5 import Hdf5Reader
 from stepblocks.bench.traces.reader import TextLayout, TraceReader, TrialPlace
 from stepblocks.bench.traces.rows import TrialRow, describe_arrays
@@ -57,17 +57,17 @@ class Variables:
     path: Path
     extents: dict[str, Extent]
 
-    def load(self, names: tuple[str, ...]) -> object:
+    def load_first(self, names: tuple[str, ...]) -> object:
         """Read the first of `names` that is there: a struct as a dict, else an array."""
         for name in names:
             if name in self.extents:
                 return self._load_variable(name, self.extents[name])
         raise TraceError(
             FaultKind.MISSING,
-            f"no variable {names[0]!r} among the traces; {self._describe()}",
+            f"no variable {names[0]!r} among the traces; {self._describe_variables()}",
         )
 
-    def _describe(self) -> str:
+    def _describe_variables(self) -> str:
         """Say what the file holds."""
         shapes: dict[str, tuple[int, ...]] = {}
         for name, extent in islice(self.extents.items(), _LISTED_ITEMS):
@@ -133,7 +133,7 @@ class MatReader(TraceReader[Any, Any]):
             return RowOfVariables(file, place.row)
         if place.is_whole_file:
             return file
-        value = file.load(place.groups)
+        value = file.load_first(place.groups)
         if isinstance(value, dict):
             return value
         return np.asarray(value)
@@ -141,10 +141,10 @@ class MatReader(TraceReader[Any, Any]):
     def read_column(self, group: object, name: str | int) -> ArrayLike:
         """Read one channel."""
         if isinstance(group, RowOfVariables):
-            array = np.asarray(group.variables.load((str(name),)))
+            array = np.asarray(group.variables.load_first((str(name),)))
             return group.row.select_samples(array, name)
         if isinstance(group, Variables):
-            return np.asarray(group.load((str(name),)))
+            return np.asarray(group.load_first((str(name),)))
         if isinstance(group, dict):
             return np.asarray(_read_field(group, name))
         if isinstance(group, np.ndarray):
@@ -173,7 +173,7 @@ def _read_field(fields: Mapping[str, object], name: str | int) -> object:
     if name not in fields:
         raise TraceError(
             FaultKind.UNKNOWN_CHANNEL,
-            f"no {name!r} in the struct, it has {join_first(fields)}",
+            f"no {name!r} in the struct, it has {join_first_eight(fields)}",
         )
     return fields[str(name)]
 

@@ -26,7 +26,7 @@ class TrialRow:
     number: int
     count: int
 
-    def find_axis(self, shape: tuple[int, ...], name: str | int) -> int:
+    def find_trial_axis(self, shape: tuple[int, ...], name: str | int) -> int:
         """Return the axis of an array along which trials lie.
 
         Raises
@@ -52,11 +52,11 @@ class TrialRow:
         """
         if max(array.shape, default=0) == array.size and self.count > 1:
             return array.ravel()
-        axis = self.find_axis(array.shape, name)
-        return cut_filling(np.take(array, self.number, axis=axis))
+        axis = self.find_trial_axis(array.shape, name)
+        return cut_trailing_nans(np.take(array, self.number, axis=axis))
 
 
-def cut_filling(samples: NDArray[np.generic]) -> NDArray[np.generic]:
+def cut_trailing_nans(samples: NDArray[np.generic]) -> NDArray[np.generic]:
     """Cut off what fills up a row of shape (n,) at its end: not-a-number."""
     if samples.dtype.kind != "f":
         return samples

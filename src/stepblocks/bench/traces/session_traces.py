@@ -93,13 +93,13 @@ class Traces(ExitStack):
         super().__init__()
         self.session = session
         self._channels = session.acquisition.channels.pair_with_dimensions()
-        self._layout = _describe_layout(session.acquisition)
+        self._layout = _build_text_layout(session.acquisition)
         self.notes: dict[str, None] = {}  # what had to be found out, in its order
         self._container: Path | None = None
         if not session.acquisition.has_file_per_trial:
-            self._container = self._open_container()
+            self._container = self._open_container_file()
 
-    def _open_container(self) -> Path:
+    def _open_container_file(self) -> Path:
         """Return the one file of all trials, which stays open until the traces are closed."""
         relative = self.session.acquisition.traces
         path = resolve_inside(self.session.folder, relative, "acquisition.traces")
@@ -109,7 +109,7 @@ class Traces(ExitStack):
             self._read_columns(path, TrialPlace("", (), False, True), ())
         except TraceError as error:
             raise BenchError(f"traces cannot be read: {error} [{path}]") from error
-        close = f"{columns.__name__}:{columns.close_traces.__name__}"
+        close = f"{columns.__name__}:{columns.close_container_in_worker.__name__}"
         self.callback(read_confined, close, path, raises=_ConfinedError)
         return path
 
@@ -156,17 +156,17 @@ class Traces(ExitStack):
         has_own_file = acquisition.has_file_per_trial or bool(acquisition.split)
         place = TrialPlace(
             trial,
-            _list_group_names(acquisition.group, trial),
+            _list_possible_group_names(acquisition.group, trial),
             has_own_file=has_own_file,
             is_whole_file=has_own_file and acquisition.group is None,
-            row=self._find_row(trial),
+            row=self._find_array_row(trial),
         )
         names = [channel.column for channel, _ in self._channels.values()]
         raw = self._read_columns(path, place, names)
-        _check_increments(raw.increments, acquisition.sample_rate)
+        _refuse_contradicting_increments(raw.increments, acquisition.sample_rate)
         return self._convert_to_si(raw)
 
-    def _find_row(self, trial: str) -> TrialRow | None:
+    def _find_array_row(self, trial: str) -> TrialRow | None:
         """Find the row of a trial where each trial is a row of arrays; else None."""
         if self.session.acquisition.rows is None:
             return None
@@ -185,7 +185,7 @@ class Traces(ExitStack):
     ) -> _RawColumns:
         """Read columns of one trial in a confined process."""
         found = read_confined(
-            f"{columns.__name__}:{columns.read_columns.__name__}",
+            f"{columns.__name__}:{columns.read_columns_in_worker.__name__}",
             path,
             self.session.acquisition.trace_format,
             asdict(self._layout),
@@ -222,7 +222,7 @@ class Traces(ExitStack):
         return Trace(time, tangential, quantities["normal"])
 
 
-def _describe_layout(acquisition: Acquisition) -> TextLayout:
+def _build_text_layout(acquisition: Acquisition) -> TextLayout:
     """Return how the text of traces is written; columns given by their number have no names."""
     is_named = True
     for channel, _ in acquisition.channels.pair_with_dimensions().values():
@@ -242,7 +242,7 @@ def _select_samples(trace: Trace, samples: slice) -> Trace:
     return Trace(trace.time[samples], trace.tangential[samples], trace.normal[samples])
 
 
-def _check_increments(increments: Array, rate: float) -> None:
+def _refuse_contradicting_increments(increments: Array, rate: float) -> None:
     """Refuse a file that states another time between two samples than the declared rate [Hz]."""
     steps = increments * rate
     # of an increment in ms or us the unit is not known, and it contradicts nothing
@@ -293,7 +293,7 @@ def _find_trial_file(session: Session, trial: str) -> Path:
     return path
 
 
-def _list_group_names(pattern: str | None, trial: str) -> tuple[str, ...]:
+def _list_possible_group_names(pattern: str | None, trial: str) -> tuple[str, ...]:
     """Return names that the group of a trial may have, the likeliest first."""
     if pattern is not None:
         return (fill_pattern(pattern, trial=trial),)

@@ -49,7 +49,7 @@ def cut_drags(trace: Trace, count: int) -> list[slice]:
             lead = after_ring + int(in_air[-1]) - round(_LEAD * rate)
             cuts.append(max(after_ring + int(in_air[0]), lead))
         else:
-            cuts.append(_find_cut_of_sliding(smooth, after_ring, following, rate))
+            cuts.append(_find_cut_while_sliding(smooth, after_ring, following, rate))
     cuts.append(trace.time.size)
     return [slice(first, last) for first, last in itertools.pairwise(cuts)]
 
@@ -71,7 +71,7 @@ def _find_loaded_samples(normal: Array, rate: float) -> NDArray[np.bool_]:
     return loaded
 
 
-def _find_cut_of_sliding(smooth: Array, after_ring: int, following: int, rate: float) -> int:
+def _find_cut_while_sliding(smooth: Array, after_ring: int, following: int, rate: float) -> int:
     """Return the sample at which a drag begins whose tip stayed on the block.
 
     `smooth` is the tangential force [N], `following` the sample of its release.
@@ -101,12 +101,12 @@ def _find_releases(force: Array, rate: float, count: int) -> list[int]:
     if peaks.size < count or is_ambiguous:
         raise BenchError(
             f"`acquisition.split` must find one drag for each of the {count} trials of the table, "
-            f"the record shows {_count_clear(heights)} releases that stand out"
+            f"the record shows {_count_clear_falls(heights)} releases that stand out"
         )
     return sorted(peaks[order[:count]].tolist())
 
 
-def _count_clear(heights: Array) -> int:
+def _count_clear_falls(heights: Array) -> int:
     """Return how many falls stand out, by the largest ratio of one to the next lower [N]."""
     if heights.size < 2:
         return heights.size

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stepblocks.bench.faults import FaultKind, TraceError
-from stepblocks.bench.signal import check_size, join_first
+from stepblocks.bench.signal import join_first_eight, refuse_oversized_channel
 from stepblocks.bench.traces.reader import TextLayout, TraceReader, TrialPlace
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ class TdmsReader(TraceReader["TdmsFile", "TdmsGroup"]):
     def read_column(self, group: "TdmsGroup", name: str | int) -> ArrayLike:
         """Read one channel."""
         channel = _find_channel(group, name)
-        check_size(len(channel), name)
+        refuse_oversized_channel(len(channel), name)
         try:
             return np.asarray(channel[:])
         except (OSError, ValueError, EOFError) as error:
@@ -76,7 +76,7 @@ def _find_channel(group: "TdmsGroup", name: str | int) -> "TdmsChannel":
             return group.channels()[name]
         return group[name]
     except (KeyError, IndexError):
-        known = join_first(channel.name for channel in group.channels())
+        known = join_first_eight(channel.name for channel in group.channels())
         raise TraceError(
             FaultKind.UNKNOWN_CHANNEL,
             f"no {name!r} in group {group.name!r}, it has {known}",

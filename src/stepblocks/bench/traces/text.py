@@ -7,7 +7,7 @@ from pathlib import Path
 from numpy.typing import ArrayLike
 
 from stepblocks.bench.faults import FaultKind, TraceError
-from stepblocks.bench.signal import join_first
+from stepblocks.bench.signal import join_first_eight
 from stepblocks.bench.traces.reader import TextLayout, TraceReader, TrialPlace
 from stepblocks.errors import BenchError
 from stepblocks.files.layout import TableLayout
@@ -37,11 +37,12 @@ class TextReader(TraceReader[TextTable, TextTable]):
     def read_column(self, group: TextTable, name: str | int) -> ArrayLike:
         """Return one column of numbers, NaN for a missing sample."""
         file = Path(group.file).name
-        index = _find_column(group, name)
+        index = _find_column_index(group, name)
         if index is None:
             names = group.names or tuple(map(str, range(group.column_count)))
             raise TraceError(
-                FaultKind.UNKNOWN_CHANNEL, f"{file} has no {name!r}, it has {join_first(names)}"
+                FaultKind.UNKNOWN_CHANNEL,
+                f"{file} has no {name!r}, it has {join_first_eight(names)}",
             )
         try:
             return group.read_numbers(index).values
@@ -55,13 +56,13 @@ class TextReader(TraceReader[TextTable, TextTable]):
         """Say what was found out about the text, and what stands for a missing sample."""
         notes = list(group.notes)
         for name in names:
-            index = _find_column(group, name)
+            index = _find_column_index(group, name)
             if index is not None:
                 notes += filter(None, [group.read_numbers(index).describe(str(name))])
         return notes
 
 
-def _find_column(table: TextTable, name: str | int) -> int | None:
+def _find_column_index(table: TextTable, name: str | int) -> int | None:
     """Return the number of a column, from 0; None where the table has no such column."""
     if isinstance(name, int):
         return name if 0 <= name < table.column_count else None
