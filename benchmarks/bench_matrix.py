@@ -377,7 +377,7 @@ def run_one(name: str, trials: int, seed: int, *, folds: bool = False) -> dict[s
     began = time.process_time()
     if folds:
         result = analyse_features(features, spring, plan.bench.tip_radius, scans, known=known)
-        found, error = result.found, list(result.within.rms(0))
+        found, error = result.found, list(result.within.compute_nominal_and_extended_rms(0))
     else:
         table = build_session_table(features, spring, plan.bench.tip_radius, scans, known)
         found = explain(table.model, table.trials, table.model.candidates(table.trials), Rules())

@@ -224,7 +224,7 @@ def test_held_out_error_falls_to_the_scatter_once_the_effect_is_in() -> None:
     ]
     _, (errors,) = choose_delivered_effects(found, (folds,), lambda _: toy_effects())
     outcome = Holdout(*errors, tuple(selected))
-    before, after = outcome.rms(0)
+    before, after = outcome.compute_nominal_and_extended_rms(0)
     assert np.isfinite(outcome.nominal).all()
     assert set(outcome.selected) == {("square_of_z",)}
     assert after == pytest.approx(np.hypot(0.1, 0.05), rel=0.15)

@@ -15,10 +15,10 @@ from stepblocks.lawsearch.run_order import bound_jump_place, build_wandering_err
 from stepblocks.lawsearch.search import find_residual_structure, search_effects
 from stepblocks.lawsearch.structure import (
     OrderedErrors,
-    check_neighbours,
     estimate_quantity_errors,
-    find_groups,
+    find_group_hint,
     find_hints,
+    make_neighbour_hint,
 )
 from stepblocks.lawsearch.walk import fit_random_walk
 
@@ -56,10 +56,10 @@ def test_groups_nearer_than_the_uncertainty_of_an_error_are_none():
     # not scatter fell into groups a millionth apart
     values = np.concatenate([np.linspace(-1.0, 1.0, 40), np.linspace(9.0, 11.0, 20)]) * 1e-7
     rows = np.arange(60)
-    hint = find_groups("load", OrderedErrors(rows, values, np.full(60, 1e-7)))
+    hint = find_group_hint("load", OrderedErrors(rows, values, np.full(60, 1e-7)))
     assert hint is not None
     assert [len(group) for group in hint.clusters] == [40, 20]
-    assert find_groups("load", OrderedErrors(rows, values, np.full(60, 1e-6))) is None
+    assert find_group_hint("load", OrderedErrors(rows, values, np.full(60, 1e-6))) is None
 
 
 def test_neighbours_that_err_together_are_reported_and_no_law_is_read_off_them():
@@ -171,7 +171,7 @@ def test_neighbours_are_tested_by_ljung_and_box_over_five_lags():
     # origin: Ljung and Box 1978, Q = n (n + 2) sum r_k^2 / (n - k), chi squared of five lags
     q = n * (n + 2.0) * np.sum(r**2 / (n - np.arange(1.0, 6.0)))
     assert fit_random_walk(values).gain < 1e-6
-    found = check_neighbours("level", values)
+    found = make_neighbour_hint("level", values)
     assert found.p_value == pytest.approx(2.0 * chi2.sf(q, 5), rel=1e-9)
 
 

@@ -16,7 +16,7 @@ from stepblocks.lawsearch.holdout import (
     ListCandidates,
     Rows,
 )
-from stepblocks.lawsearch.law import Law, collect_ids, name_family
+from stepblocks.lawsearch.law import Law, collect_ids, remove_variant_mark
 from stepblocks.lawsearch.noise import Noise
 from stepblocks.lawsearch.structure import Hint
 
@@ -88,10 +88,10 @@ def _find_lacking_channel(explanation: Explanation, cells: Sequence[object]) -> 
 
 def _judge_by_folds(finding: Finding, folds: Sequence[Sequence[str]]) -> Finding:
     """Judge a law by the choices of the folds, each of which has fewer trials."""
-    family = name_family(finding.effect.id)
+    family = remove_variant_mark(finding.effect.id)
     blind, contradicting = False, False
     for names in folds:
-        if family in map(name_family, names):
+        if family in map(remove_variant_mark, names):
             continue
         # a fold that chooses nothing is blind to the law; one that chooses another contradicts it
         blind = blind or not names

@@ -86,7 +86,7 @@ def rank_settings(
     starts = list_starts(model.parameters(grid))
     ahead = model.predict(grid, starts | first.values, first.active_effects)
     difference = ahead - model.predict(grid, starts | second.values, second.active_effects)
-    scatter = _compute_scatter(problem, first, grid)
+    scatter = _compute_trial_covariance(problem, first, grid)
     unknown = _compute_unknown_shift(problem, first, grid, ahead)
     # what is unknown of a specimen is common to all its trials
     common = unknown[:, :, None] * unknown[:, None, :]
@@ -103,16 +103,18 @@ def rank_settings(
     leading_channel = _order_by_gain(by_channel)[0]
     setting = grid.take(np.array([best]))
     scatter_of_mean = scatter[best] / max(repeats, 1)
-    settings = [_describe_setting(grid, row, shown, gain) for row in order]
+    settings = [_build_ranked_setting(grid, row, shown, gain) for row in order]
     return Ranking(
         settings=tuple(settings),
         repeats=repeats,
-        width_after=_compute_width_after(problem, first, setting, scatter_of_mean),
+        width_after=_compute_relative_widths_after(problem, first, setting, scatter_of_mean),
         channel=problem.trials.channels[leading_channel],
     )
 
 
-def _describe_setting(grid: Trials, row: int, shown: Sequence[str], gain: Floats) -> RankedSetting:
+def _build_ranked_setting(
+    grid: Trials, row: int, shown: Sequence[str], gain: Floats
+) -> RankedSetting:
     """Give the covariates of one row of a grid that are shown, as plain values, with its gain."""
     settings = {}
     for name in shown:
@@ -120,7 +122,7 @@ def _describe_setting(grid: Trials, row: int, shown: Sequence[str], gain: Floats
     return RankedSetting(settings, float(gain[row]))
 
 
-def _compute_scatter(problem: Problem, fitted: Fit, grid: Trials) -> Floats:
+def _compute_trial_covariance(problem: Problem, fitted: Fit, grid: Trials) -> Floats:
     """Compute the covariance of one trial at each setting of a grid, shape (m, c, c)."""
     scatter = problem.noise.scatter
     starts = list_starts(problem.model.parameters(grid))
@@ -163,7 +165,7 @@ def _count_repeats(difference: Floats, scatter: Floats, common: Floats) -> int:
     return 1 + int(np.searchsorted(expected, _DECISIVE))
 
 
-def _compute_width_after(
+def _compute_relative_widths_after(
     problem: Problem, fitted: Fit, setting: Trials, scatter: Floats
 ) -> dict[str, float]:
     """Compute how wide the intervals of the effects are after trials at one setting.

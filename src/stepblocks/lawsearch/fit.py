@@ -62,7 +62,7 @@ def fit(
         gtol=_SLOPE_TOLERANCE,
         max_nfev=evaluations,
     )
-    if _could_gain(solution):
+    if _has_room_to_improve(solution):
         # the trust region weighs its steps by the distance to all bounds, also far from them: along
         # a narrow valley they become too short long before its bottom
         solution = least_squares(
@@ -97,7 +97,7 @@ def fit(
     )
 
 
-def _could_gain(solution: OptimizeResult) -> bool:
+def _has_room_to_improve(solution: OptimizeResult) -> bool:
     """Tell whether a fit ended where one step more along its slopes would lower its cost."""
     basis, _ = np.linalg.qr(solution.jac)
     return float(np.sum((basis.T @ solution.fun) ** 2)) > _LEAST_GAIN
@@ -105,7 +105,7 @@ def _could_gain(solution: OptimizeResult) -> bool:
 
 def fit_without(problem: Problem, current: Fit, effect: Law) -> Fit:
     """Fit again without one of the effects of a fit."""
-    return fit(problem, current.leave_out(effect), current.values)
+    return fit(problem, current.list_laws_beside(effect), current.values)
 
 
 def build_problem(model: ForwardModel, trials: Trials) -> Problem:

@@ -65,7 +65,7 @@ class Holdout:
     left_open: NDArray[np.bool_]
     selected: tuple[tuple[str, ...], ...]
 
-    def rms(self, channel: int) -> tuple[float, float]:
+    def compute_nominal_and_extended_rms(self, channel: int) -> tuple[float, float]:
         """Compute the root mean square of the nominal and the extended error in one channel.
 
         Both are not-a-number where nothing was held out.

@@ -16,7 +16,7 @@ from stepblocks.lawsearch.findings import (
     Verdict,
 )
 from stepblocks.lawsearch.fit import fit, fit_without
-from stepblocks.lawsearch.law import Law, name_family
+from stepblocks.lawsearch.law import Law, remove_variant_mark
 from stepblocks.lawsearch.problem import Fit, Problem
 from stepblocks.lawsearch.search import choose_in_place_of
 
@@ -128,10 +128,10 @@ def _list_rivals(
     if choice is None or effect.id in found.walks:
         return []
     rivals = []
-    families = {_name_family(effect)}
+    families = {_find_family(effect)}
     for fitted in choice.tried:
         law = fitted.effects[-1]
-        family = _name_family(law)
+        family = _find_family(law)
         if family in families or fitted.criterion > current.criterion + rules.margin:
             continue
         if law.place == effect.place and not law.named:
@@ -193,8 +193,8 @@ def _find_moved_share(problem: Problem, fitted: Fit) -> float:
     return float(np.mean(moved.any(axis=1)))
 
 
-def _name_family(effect: Law) -> str:
+def _find_family(effect: Law) -> str:
     """Return the name without the mark of the variant; specimens are no variants of one law."""
     if effect.covariate == "block":
         return effect.id
-    return name_family(effect.id)
+    return remove_variant_mark(effect.id)

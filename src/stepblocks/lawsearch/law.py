@@ -202,7 +202,7 @@ def list_starts(parameters: Sequence[Parameter]) -> dict[str, float]:
     return {p.name: p.start for p in parameters}
 
 
-def name_family(law_id: str) -> str:
+def remove_variant_mark(law_id: str) -> str:
     """Return the name of a law without the mark of its variant."""
     return law_id.split("~")[0]
 

@@ -72,9 +72,9 @@ class Fit:
 
     def list_effects_beside(self, effect: Law) -> Active:
         """List all effects but one, with their fitted values."""
-        return pair_with_values(self.leave_out(effect), self.values)
+        return pair_with_values(self.list_laws_beside(effect), self.values)
 
-    def leave_out(self, effect: Law) -> tuple[Law, ...]:
+    def list_laws_beside(self, effect: Law) -> tuple[Law, ...]:
         """Return all effects but one."""
         return tuple(law for law in self.effects if law is not effect)
 

@@ -293,7 +293,7 @@ def estimate_scatter(residual: Residual, std: Floats, responses: Floats) -> Scat
     start = np.concatenate([np.full(count, _QUANTITY_START), np.full(c, _CHANNEL_START)])
     bounds = [_QUANTITY_BOUNDS] * count + [_CHANNEL_BOUNDS] * c
     solution = minimize(
-        _make_likelihood(scaled, measured, shown / size, seen),
+        _make_likelihood_cost(scaled, measured, shown / size, seen),
         np.log(start),
         jac=True,
         method="L-BFGS-B",
@@ -304,7 +304,7 @@ def estimate_scatter(residual: Residual, std: Floats, responses: Floats) -> Scat
     return Scatter(variance[:count] / size**2, variance[count:] * unit**2, residual.dof)
 
 
-def _make_likelihood(
+def _make_likelihood_cost(
     scaled: Floats, measured: Floats, shown: Floats, seen: NDArray[np.bool_]
 ) -> Callable[[Floats], tuple[float, Floats]]:
     """Make minus twice the log likelihood of the logarithms of all variances, with its gradient.

@@ -19,10 +19,10 @@ from stepblocks.lawsearch.run_order import (
 )
 from stepblocks.lawsearch.structure import (
     Hint,
-    check_neighbours,
     estimate_errors_in_order,
     find_hints,
-    list_wandering,
+    list_wandering_quantities,
+    make_neighbour_hint,
     make_wandering_hint,
 )
 
@@ -112,7 +112,7 @@ def find_residual_structure(found: SearchResult) -> ResidualStructure:
     for quantity in sorted(explained_by_walk - hinted):
         if _errs_with_neighbours(found, quantity):
             hints = (*hints, make_wandering_hint(quantity))
-    wandering = explained_by_walk | list_wandering(hints)
+    wandering = explained_by_walk | list_wandering_quantities(hints)
     return ResidualStructure(hints, explained_by_walk, wandering)
 
 
@@ -124,7 +124,7 @@ def _errs_with_neighbours(found: SearchResult, quantity: str) -> bool:
     """
     base = fit_without_time_effects(found.problem, found.extended)
     errors = estimate_errors_in_order(found.problem, base)[quantity]
-    return check_neighbours(quantity, errors.values).p_value < _WANDERING_LEVEL
+    return make_neighbour_hint(quantity, errors.values).p_value < _WANDERING_LEVEL
 
 
 def _add_wandering_noise(

@@ -128,10 +128,10 @@ def find_hints(problem: Problem, fitted: Fit) -> tuple[Hint, ...]:
     for name, errors in estimate_errors_in_order(problem, fitted).items():
         if len(errors.rows) < _FEWEST or np.ptp(errors.values) < _NO_SPREAD:
             continue
-        groups = find_groups(name, errors)
+        groups = find_group_hint(name, errors)
         if groups is not None:
             found.append(groups)
-        tests.append(check_neighbours(name, errors.values))
+        tests.append(make_neighbour_hint(name, errors.values))
     if tests:
         corrected = correct_by_holm([test.p_value for test in tests])
         for test, p_value in zip(tests, corrected.tolist(), strict=True):
@@ -142,7 +142,7 @@ def find_hints(problem: Problem, fitted: Fit) -> tuple[Hint, ...]:
 
 def _select_plainest(found: Sequence[Hint]) -> tuple[Hint, ...]:
     """Drop the groups of quantities that wander, since a walk shows groups, too."""
-    wandering = list_wandering(found)
+    wandering = list_wandering_quantities(found)
     kept = []
     for hint in found:
         if hint.kind == HintKind.NEIGHBOURS or hint.quantity not in wandering:
@@ -151,7 +151,7 @@ def _select_plainest(found: Sequence[Hint]) -> tuple[Hint, ...]:
     return tuple(sorted(kept, key=lambda hint: quantities.index(hint.quantity)))
 
 
-def list_wandering(hints: Sequence[Hint]) -> set[str]:
+def list_wandering_quantities(hints: Sequence[Hint]) -> set[str]:
     """List the quantities whose neighbouring errors hints connect."""
     quantities = set()
     for hint in hints:
@@ -160,7 +160,7 @@ def list_wandering(hints: Sequence[Hint]) -> set[str]:
     return quantities
 
 
-def find_groups(name: str, errors: OrderedErrors) -> Hint | None:
+def find_group_hint(name: str, errors: OrderedErrors) -> Hint | None:
     """Find two groups of trials that differ in a quantity.
 
     Parameters
@@ -200,7 +200,7 @@ def find_groups(name: str, errors: OrderedErrors) -> Hint | None:
     return Hint(HintKind.GROUPS, name, chance, sentence, (low, high))
 
 
-def check_neighbours(name: str, values: Floats) -> Hint:
+def make_neighbour_hint(name: str, values: Floats) -> Hint:
     """Test whether trials that follow one another err together.
 
     Parameters

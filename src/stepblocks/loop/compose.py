@@ -13,7 +13,7 @@ from stepblocks.lawsearch.forward_model import Floats, Trials
 from stepblocks.lawsearch.gate import compute_detectable
 from stepblocks.lawsearch.holdout import Holdout
 from stepblocks.lawsearch.identifiability import compare_directions
-from stepblocks.lawsearch.law import Law, name_family
+from stepblocks.lawsearch.law import Law, remove_variant_mark
 from stepblocks.lawsearch.problem import Fit, Problem
 from stepblocks.lawsearch.run_order import bound_jump_place
 from stepblocks.lawsearch.scatter import Residual, compute_flexible_residual
@@ -209,8 +209,14 @@ def _list_errors(
     within: Holdout, between: Holdout, floor: NoiseFloor
 ) -> tuple[ModelErrors, ModelErrors]:
     """List the errors on held-out trials of the nominal and of the extended model."""
-    energy, force = within.rms(ENERGY), within.rms(PEAK_FORCE)
-    energy_blocks, force_blocks = between.rms(ENERGY), between.rms(PEAK_FORCE)
+    energy, force = (
+        within.compute_nominal_and_extended_rms(ENERGY),
+        within.compute_nominal_and_extended_rms(PEAK_FORCE),
+    )
+    energy_blocks, force_blocks = (
+        between.compute_nominal_and_extended_rms(ENERGY),
+        between.compute_nominal_and_extended_rms(PEAK_FORCE),
+    )
     of_nominal, of_extended = zip(energy, force, energy_blocks, force_blocks, strict=True)
     nominal = ModelErrors(*of_nominal, noise_floor=floor)
     extended = ModelErrors(*of_extended, noise_floor=floor)
@@ -304,7 +310,7 @@ def _list_rivals(explanation: Explanation) -> list[EffectRecord]:
 
 def _describe_rival(rival: Rival, effect: Law, problem: Problem) -> EffectRecord:
     """Describe an effect that may stand for another one."""
-    evidence = RivalEvidence(rival.behind, instead_of=name_family(effect.id))
+    evidence = RivalEvidence(rival.behind, instead_of=remove_variant_mark(effect.id))
     return _describe_effect(rival.effect, rival.fitted, evidence, problem)
 
 
@@ -313,7 +319,7 @@ def _describe_effect(
 ) -> EffectRecord:
     """Describe an effect with its fitted parameters and their 95 % intervals."""
     return EffectRecord(
-        id=name_family(effect.id),
+        id=remove_variant_mark(effect.id),
         variant=effect.id,
         slot=effect.slot,
         covariate=effect.covariate,
