@@ -43,9 +43,9 @@ from stepblocks.lawsearch.explain import explain
 from stepblocks.lawsearch.findings import Explanation, Rules, Verdict
 from stepblocks.lawsearch.gate import compute_detectable
 from stepblocks.loop import bench_model
-from stepblocks.loop.block_scans import scan_blocks
+from stepblocks.loop.block_scans import measure_block_scans
 from stepblocks.loop.columns import CHANNEL_COLUMNS, Scale
-from stepblocks.loop.heights import add_height_errors
+from stepblocks.loop.heights import add_height_findings
 from stepblocks.loop.run import analyse_features
 from stepblocks.loop.session_table import build_session_table
 from stepblocks.rig.state import CHANNELS
@@ -325,7 +325,7 @@ def _measure_scans(folder: Path, blocks: list[str]) -> dict[str, dict[str, float
     shown = (*blocks, *(path.read_bytes() for path in files))
     if shown not in _LAST:
         _LAST.clear()
-        _LAST[shown] = scan_blocks(folder, "scans/{block}.csv", blocks).scans
+        _LAST[shown] = measure_block_scans(folder, "scans/{block}.csv", blocks).scans
     return _LAST[shown]
 
 
@@ -381,7 +381,7 @@ def run_one(name: str, trials: int, seed: int, *, folds: bool = False) -> dict[s
     else:
         table = build_session_table(features, spring, plan.bench.tip_radius, scans, known)
         found = explain(table.model, table.trials, table.model.candidates(table.trials), Rules())
-        found = add_height_errors(found, table)
+        found = add_height_findings(found, table)
         energy = found.problem.trials.values[:, 0]
         error = [
             float(np.sqrt(np.nanmean((energy - one.predicted[:, 0]) ** 2)))

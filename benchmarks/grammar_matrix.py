@@ -34,7 +34,7 @@ from stepblocks.lawsearch.law import Law, Parameter
 from stepblocks.lawsearch.run_order import bound_jump_place
 from stepblocks.loop.bench_model import (
     SessionModel,
-    find_column,
+    find_followed_column,
     list_candidates,
     list_covariate_ranges,
 )
@@ -178,7 +178,7 @@ def check_intervals(
             low = values[name] - 1.96 * stds[name]
             high = values[name] + 1.96 * stds[name]
             if name in law.steps:
-                column = find_column(problem.trials, fitted.predicted, law.covariate)
+                column = find_followed_column(problem.trials, fitted.predicted, law.covariate)
                 low, high = bound_jump_place(problem, fitted, law, name, column)
             holds[f"{law.id}.{name}"] = bool(low <= true <= high)
     return holds

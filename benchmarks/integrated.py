@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from oracles.virtual_session import Plan, write_session
 from stepblocks.bench.measure import measure_session
-from stepblocks.loop.block_scans import scan_blocks
+from stepblocks.loop.block_scans import measure_block_scans
 from stepblocks.loop.run import analyse_features
 
 FIRST = 2  # seed; the model was looked at on others
@@ -32,7 +32,7 @@ def main():
             write_session(session, plan, seed)
             features = measure_session(session)
             blocks = sorted(set(features["block"].dropna()))
-            scans = scan_blocks(session, "scans/{block}.csv", blocks).scans
+            scans = measure_block_scans(session, "scans/{block}.csv", blocks).scans
         result = analyse_features(
             features, plan.bench.stiffness, plan.bench.tip_radius, scans, jobs=2
         )

@@ -39,8 +39,8 @@ from stepblocks.bench.measure import measure_session
 from stepblocks.bench.session import open_session
 from stepblocks.lawsearch.explain import explain
 from stepblocks.lawsearch.findings import Explanation, Rules, Verdict
-from stepblocks.loop.block_scans import scan_blocks
-from stepblocks.loop.heights import add_height_errors
+from stepblocks.loop.block_scans import measure_block_scans
+from stepblocks.loop.heights import add_height_findings
 from stepblocks.loop.session_table import build_session_table
 from stepblocks.rehearse.run import simulate_session
 
@@ -133,13 +133,13 @@ def explain_session(folder: Path) -> Explanation:
     features = measure_session(folder, jobs=1)
     session = open_session(folder)
     blocks = sorted(set(features["block"].dropna()))
-    scans = scan_blocks(folder, "scans/{block}.csv", blocks).scans
+    scans = measure_block_scans(folder, "scans/{block}.csv", blocks).scans
     probe = session.probe
     known = session.calibration.list_known_constants()
     table = build_session_table(features, probe.spring_constant, probe.tip_radius, scans, known)
     laws = table.model.candidates(table.trials)
     found = explain(table.model, table.trials, laws, Rules())
-    return add_height_errors(found, table)
+    return add_height_findings(found, table)
 
 
 def run_session(simulator: str, seed: int) -> Outcome:

@@ -20,7 +20,7 @@ from stepblocks.lawsearch.objective import Objective
 from stepblocks.lawsearch.structure import find_hints
 from stepblocks.loop.bench_model import (
     SessionModel,
-    find_column,
+    find_followed_column,
     list_candidates,
     list_covariate_ranges,
 )
@@ -37,9 +37,11 @@ def test_an_effect_may_follow_what_the_model_computes_and_no_column_holds():
     trials = Trials(columns, CHANNELS, none, none, np.array(["a", "b"]))
     predicted = none.copy()
     predicted[:, CHANNELS.index("ln_peak_force")] = np.log([1.5, 4.0])
-    assert find_column(trials, predicted, "peak_force_n") == pytest.approx([1.5, 4.0])
-    assert find_column(trials, predicted, "speed_mm_s / load_n") == pytest.approx([4.0, 3.0])
-    assert find_column(trials, predicted, "load_n") is columns["load_n"]
+    assert find_followed_column(trials, predicted, "peak_force_n") == pytest.approx([1.5, 4.0])
+    assert find_followed_column(trials, predicted, "speed_mm_s / load_n") == pytest.approx(
+        [4.0, 3.0]
+    )
+    assert find_followed_column(trials, predicted, "load_n") is columns["load_n"]
 
 
 @pytest.fixture(scope="module")

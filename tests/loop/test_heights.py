@@ -14,7 +14,7 @@ from stepblocks.lawsearch.claims import choose_delivered_effects
 from stepblocks.lawsearch.explain import explain
 from stepblocks.lawsearch.findings import Rules, Verdict
 from stepblocks.lawsearch.holdout import split_by_block
-from stepblocks.loop.heights import add_height_errors
+from stepblocks.loop.heights import add_height_findings
 from stepblocks.loop.run import analyse_features
 from stepblocks.loop.session_table import build_session_table
 from stepblocks.rig.effects.named import list_named_laws
@@ -35,7 +35,7 @@ def test_a_height_is_named_where_it_is_beyond_its_tolerance_and_not_within_it(er
     table = build_session_table(_features(error), 9810.0, 125e-6)
     # blocks are held to 1 um (one standard deviation); the search is given nothing to find
     nothing = explain(table.model, table.trials, [], _RULES)
-    found = add_height_errors(nothing, table)
+    found = add_height_findings(nothing, table)
     if abs(error) < 2e-6:
         assert found is nothing
         return
@@ -54,7 +54,7 @@ def test_a_height_that_a_search_has_named_is_known_as_well_as_one_that_it_has_no
     table = build_session_table(_features(6e-6), 9810.0, 125e-6)
     name = "block_height_error~step-040.height_error_m"
     known, searched = (
-        add_height_errors(explain(table.model, table.trials, laws, _RULES), table)
+        add_height_findings(explain(table.model, table.trials, laws, _RULES), table)
         for laws in ([], [_LAW])
     )
     assert [f.effect.id for f in searched.findings] == [_LAW.id]
@@ -66,7 +66,7 @@ def test_a_height_that_a_scan_has_measured_is_no_finding():
     scan = {"step-040": {"height_m": 46e-6, "height_std_m": 15e-9}}
     table = build_session_table(_features(6e-6), 9810.0, 125e-6, scan)
     nothing = explain(table.model, table.trials, [], _RULES)
-    assert add_height_errors(nothing, table) is nothing
+    assert add_height_findings(nothing, table) is nothing
 
 
 @pytest.mark.long
@@ -102,7 +102,7 @@ def test_the_interval_of_a_height_knows_that_nobody_has_scanned_the_edges():
     (rounding,) = (law for law in list_named_laws([]) if law.id == "edge_rounding")
     planted = ((_LAW, {"height_error_m": 6e-6}), (rounding, {"edge_radius_m": 1.4e-6}))
     table = build_session_table(features_of(bench_trials(_COLUMNS, 3, planted)), 9810.0, 125e-6)
-    found = add_height_errors(explain(table.model, table.trials, [_LAW], _RULES), table).extended
+    found = add_height_findings(explain(table.model, table.trials, [_LAW], _RULES), table).extended
     name = "block_height_error~step-040.height_error_m"
     assert found.values[name] == pytest.approx(true, abs=1.96 * found.std[name])
     assert found.std[name] < 0.4e-6

@@ -17,7 +17,7 @@ from stepblocks.loop.page import (
     Abscissa,
     average_by_setting,
     choose_covariate,
-    compute_change,
+    compute_effect_change,
     find_abscissa,
     render_loop_page,
 )
@@ -192,7 +192,7 @@ def test_figures_have_three_digits_and_what_does_not_exist_is_a_dash(value, show
 def test_the_curve_is_the_change_that_the_law_makes(result):
     found = result.found
     effect = found.findings[0].effect
-    shown = compute_change(found, effect)
+    shown = compute_effect_change(found, effect)
     change, std = shown.change, shown.std
     assert found.problem.trials.channels[shown.channel] in ("ln_energy", "ln_peak_force")
     assert choose_covariate(result, effect) == "run_order"
@@ -215,7 +215,7 @@ def test_an_effect_that_follows_nothing_is_drawn_over_the_height(result):
 
 def test_an_effect_of_a_label_is_drawn_as_points_under_its_labels(result, monkeypatch):
     drawn = []
-    monkeypatch.setattr(page, "_encode_png", lambda figure: drawn.append(figure) or "")
+    monkeypatch.setattr(page, "_draw_as_data_url", lambda figure: drawn.append(figure) or "")
     monkeypatch.setattr(page, "choose_covariate", lambda *_: "operator")
     page._draw_effect(result, result.found.findings[0].effect, "it")
     (axis,) = drawn[0].axes

@@ -14,7 +14,7 @@ from oracles.learned import make_learned_model
 from stepblocks.cli import main
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.errors import PipelineError
-from stepblocks.loop.block_scans import ScannedBlocks, scan_blocks
+from stepblocks.loop.block_scans import ScannedBlocks, measure_block_scans
 from stepblocks.loop.session_table import build_session_table, read_trial_table
 from stepblocks.predict.learned import predict_trials
 from stepblocks.records.model import build_model_document
@@ -273,7 +273,7 @@ def test_a_scan_is_evaluated_line_by_line_and_what_fails_is_named(tmp_path):
         comments="",
     )
     (tmp_path / "scans/c.csv").write_text("x_um,z_um\n0,0\n")
-    scanned = scan_blocks(tmp_path, "scans/{block}.csv", ["b", "c", "d"])
+    scanned = measure_block_scans(tmp_path, "scans/{block}.csv", ["b", "c", "d"])
     found, unused = scanned.scans, scanned.unused
     assert list(found) == ["b"]
     assert found["b"]["height_m"] == pytest.approx(50e-6, abs=20e-9)
@@ -283,7 +283,7 @@ def test_a_scan_is_evaluated_line_by_line_and_what_fails_is_named(tmp_path):
 
 
 def test_a_session_without_scans_has_none_and_none_is_missed(tmp_path):
-    assert scan_blocks(tmp_path, None, ["b"]) == ScannedBlocks({}, {})
+    assert measure_block_scans(tmp_path, None, ["b"]) == ScannedBlocks({}, {})
 
 
 def test_a_night_between_two_trials_begins_a_day_and_a_numbered_day_is_a_label(features):

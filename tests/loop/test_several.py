@@ -23,9 +23,9 @@ from stepblocks.loop.several import (
     describe_day_differences,
     explain_together,
     join_tables,
-    list_shared,
     loop_sessions,
     pool_parameter,
+    pool_shared_parameters,
 )
 from stepblocks.records.model import build_model_document, read_model
 from stepblocks.rig.effects.named import list_named_laws
@@ -117,7 +117,7 @@ def test_days_of_other_friction_leave_the_radius_where_it_is_and_show_their_spre
     joint = fit_rounding(join_tables(tables))
     radius = "edge_rounding.edge_radius_m"
     assert joint.values[radius] == pytest.approx(8e-6, abs=2.0 * joint.std[radius])
-    shared = list_shared(joint, list(tables))
+    shared = pool_shared_parameters(joint, list(tables))
     assert [round(one.value, 2) for one in shared["friction"].sessions.values()] == [
         0.14,
         0.16,

@@ -18,7 +18,7 @@ from stepblocks.lawsearch.explain import explain
 from stepblocks.lawsearch.findings import Rules, Verdict
 from stepblocks.lawsearch.law import Law, Parameter
 from stepblocks.loop.bench_model import SessionModel
-from stepblocks.loop.compose import _list_apart, _list_censored
+from stepblocks.loop.compose import _list_apart_trials, _list_censored
 from stepblocks.loop.session_table import build_session_table
 from stepblocks.rig.effects.named import list_named_laws
 
@@ -216,7 +216,7 @@ def test_trials_that_went_wrong_are_held_apart_each_with_what_it_looks_like():
     assert abs(radius - 16e-6) < 1.96 * std < 4e-6
     left = table.trials.values[:, 0] - found.extended.predicted[:, 0]
     assert float(np.sqrt(np.nanmean(left**2))) < 0.09  # trials scatter by 0.07
-    apart = {one.trial: one for one in _list_apart(table, found)}
+    apart = {one.trial: one for one in _list_apart_trials(table, found)}
     assert set(apart) == {str(row + 1) for row in looks}
     for row, said in looks.items():
         shown = apart[str(row + 1)]

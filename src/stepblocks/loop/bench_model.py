@@ -69,7 +69,7 @@ OF_A_DAY = ("friction", "ln_conversion", "ln_ring_frequency", "ln_decay_time")
 
 
 @lru_cache(maxsize=4)
-def _find_design(
+def _build_cached_design(
     trials: Trials, spring_constant: float, laws: tuple[tuple[str, Any], ...]
 ) -> BenchDesign:
     """Build what was set on the bench, once for each table of trials."""
@@ -139,9 +139,9 @@ class SessionModel:
 
     def parameters(self, trials: Trials) -> tuple[Parameter, ...]:
         """Constants of the nominal model and the height errors of the blocks of a table."""
-        design = _find_design(trials, self.tool.stiffness, self.laws)
+        design = _build_cached_design(trials, self.tool.stiffness, self.laws)
         nominal = forward.list_constants(design, self.tool, self.height_std, self.scanned)
-        constants = list(map(self._take_certified_spring, nominal))
+        constants = list(map(self._apply_certified_spring, nominal))
         constants += self._list_bench_constants()
         if not self.own:
             return tuple(constants)
@@ -154,7 +154,7 @@ class SessionModel:
                 of_a_day.append(replace(p, name=name_in_session(p.name, session)))
         return (*of_a_day, *common)
 
-    def _take_certified_spring(self, parameter: Parameter) -> Parameter:
+    def _apply_certified_spring(self, parameter: Parameter) -> Parameter:
         """Give the stiffness the prior of its certificate, where there is one."""
         spring = self.known.get("spring_constant")
         if spring is None or parameter.name != "stiffness_ratio":
@@ -181,7 +181,7 @@ class SessionModel:
 
         A constant, and along height, load, speed, a square and products of them.
         """
-        design = _find_design(trials, self.tool.stiffness, self.laws)
+        design = _build_cached_design(trials, self.tool.stiffness, self.laws)
         height = _standardise(np.log(design.height))
         load = _standardise(np.log(design.load))
         speed = _standardise(np.log(design.speed))
@@ -209,9 +209,9 @@ class SessionModel:
         constants: dict[str, float | Floats] = {**self.known_values}
         if self.own:
             sessions = trials.covariates["session"].tolist()
-            values = {**values, **_spread_values_of_a_day(values, sessions)}
+            values = {**values, **_spread_daily_values(values, sessions)}
             constants = self._spread_constants(constants, sessions)
-        design = _find_design(trials, self.tool.stiffness, self.laws)
+        design = _build_cached_design(trials, self.tool.stiffness, self.laws)
         state = forward.build_extended_state(design, values, effects)
         if not constants:
             return state
@@ -290,7 +290,7 @@ def name_in_session(constant: str, session: str) -> str:
     return f"{constant}[{session}]"
 
 
-def _spread_values_of_a_day(
+def _spread_daily_values(
     values: Mapping[str, float | Floats], sessions: Sequence[str]
 ) -> dict[str, float | Floats]:
     """Give each trial the values of its session of the constants that are those of a day."""
@@ -396,7 +396,7 @@ def _divide_speed_by_load(trials: Trials) -> NDArray[np.generic]:
     return np.asarray(np.divide(trials.covariates["speed_mm_s"], trials.covariates["load_n"]))
 
 
-def find_column(trials: Trials, predicted: Floats, covariate: str) -> NDArray[np.generic]:
+def find_followed_column(trials: Trials, predicted: Floats, covariate: str) -> NDArray[np.generic]:
     """Return what an effect follows: a column of the table, or what the model computes.
 
     Parameters

@@ -34,7 +34,7 @@ class ScannedBlocks:
     unused: dict[str, str] = field(default_factory=dict)
 
 
-def scan_blocks(
+def measure_block_scans(
     folder: Path, pattern: str | None, blocks: Sequence[str], layout: TableLayout = UNDECLARED
 ) -> ScannedBlocks:
     """Evaluate the scan of every block.

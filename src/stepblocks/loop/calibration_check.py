@@ -16,7 +16,7 @@ from stepblocks.lawsearch.law import Law
 from stepblocks.lawsearch.objective import STEP
 from stepblocks.lawsearch.problem import Fit, Problem
 from stepblocks.loop.bench_model import COMMON_ERRORS, SessionModel
-from stepblocks.loop.declared_checks import CalibrationCheck, Declared, find_slip
+from stepblocks.loop.declared_checks import CalibrationCheck, Declared, find_slip_factor
 from stepblocks.loop.session_table import Known
 from stepblocks.records.model import WIDE
 from stepblocks.rig.effects.gauges import GAUGE_LAWS
@@ -40,7 +40,7 @@ def check_calibration(trials: Trials, model: SessionModel) -> tuple[CalibrationC
     checks = []
     for quantity in Declared:
         shown = trials.values[:, trials.channels.index(quantity.value)]
-        declared = find_declared(quantity, model.known, model.tool.stiffness, load)
+        declared = find_declared_value(quantity, model.known, model.tool.stiffness, load)
         check = check_quantity(quantity, shown, declared)
         if check is not None:
             checks.append(check)
@@ -82,11 +82,11 @@ def check_quantity(
         low=ratio - WIDE * std,
         high=ratio + WIDE * std,
         contradicts=abs(ratio - 1.0) > _CONTRADICTION * doubt,
-        slip=find_slip(ratio),
+        slip=find_slip_factor(ratio),
     )
 
 
-def find_declared(
+def find_declared_value(
     quantity: Declared, known: Known, stiffness: float, load: float
 ) -> tuple[float, float]:
     """Return what is declared, in units of its nominal value, and its standard uncertainty [1].
@@ -139,7 +139,7 @@ def weigh_calibration(
     spring = None
     is_open = False
     for unweighed in checks:
-        check = _look_for_cause(unweighed, explanation, knows_laws)
+        check = _mark_explained(unweighed, explanation, knows_laws)
         weighed.append(check)
         is_open = is_open or check.is_open
         if spring is None and check.quantity is Declared.SPRING:
@@ -151,7 +151,7 @@ def weigh_calibration(
     return explanation, tuple(weighed)
 
 
-def _look_for_cause(
+def _mark_explained(
     check: CalibrationCheck, explanation: Explanation, knows_laws: bool
 ) -> CalibrationCheck:
     """Mark a contradiction that an effect, or a law that is known beforehand, accounts for."""

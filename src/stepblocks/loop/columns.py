@@ -82,14 +82,16 @@ def read_channels(table: pd.DataFrame, spring_constant: float) -> tuple[Floats, 
     stds = np.full((len(table), len(CHANNEL_COLUMNS)), np.nan)
     for j, columns in enumerate(CHANNEL_COLUMNS):
         value, std = read_numbers(table, columns.figure), read_numbers(table, columns.std)
-        value, std = _scale_figure(columns.scale, value, np.abs(std), table, spring_constant)
+        value, std = _convert_to_channel_scale(
+            columns.scale, value, np.abs(std), table, spring_constant
+        )
         known = np.isfinite(value) & np.isfinite(std) & (std < _LARGEST_STD)
         values[:, j] = np.where(known, value, np.nan)
         stds[:, j] = np.where(known, np.maximum(std, _LEAST_STD), np.nan)
     return values, stds
 
 
-def _scale_figure(
+def _convert_to_channel_scale(
     scale: Scale, value: Floats, std: Floats, table: pd.DataFrame, spring_constant: float
 ) -> tuple[Floats, Floats]:
     """Convert a figure and its uncertainty, both of shape (n,), to the scale of its channel."""
@@ -149,10 +151,10 @@ def _read_covariate(table: pd.DataFrame, name: str) -> NDArray[np.generic]:
     numbers = read_numbers(table, name)
     if np.isfinite(numbers).all():
         return numbers
-    return _fill_gaps(numbers, _read_order(table))
+    return _fill_gaps(numbers, _read_run_order(table))
 
 
-def _read_order(table: pd.DataFrame) -> Floats:
+def _read_run_order(table: pd.DataFrame) -> Floats:
     """Read the order of the run, shape (n,): that of the table where it is not written."""
     order = read_numbers(table, "run_order")
     if not np.isfinite(order).all():
@@ -185,7 +187,7 @@ def derive_covariates(features: pd.DataFrame) -> dict[str, NDArray[np.generic]]:
     dict
         Columns of shape (n,) in the order of the table.
     """
-    order = _read_order(features)
+    order = _read_run_order(features)
     rows = np.argsort(order, kind="stable")
     run = features.iloc[rows].reset_index(drop=True)
     derived: dict[str, pd.Series] = {}
@@ -193,14 +195,14 @@ def derive_covariates(features: pd.DataFrame) -> dict[str, NDArray[np.generic]]:
         column = pd.Series(read_numbers(run, name)).replace([np.inf, -np.inf], np.nan)
         derived[f"previous_{name}"] = column.shift().fillna(column.median())
     derived["passes_of_block"] = run.groupby("block").cumcount().astype(np.float64)
-    clock = _find_clock(features)
+    clock = _find_clock_column(features)
     if clock is not None:
         derived |= _derive_pauses(run, clock)
     back = np.argsort(rows)
     return {name: column.to_numpy()[back] for name, column in derived.items()}
 
 
-def _find_clock(features: pd.DataFrame) -> str | None:
+def _find_clock_column(features: pd.DataFrame) -> str | None:
     """Find the column of times since the start [s]; None where there is none."""
     for column in features.columns:
         if column.endswith(_CLOCK):
@@ -227,7 +229,7 @@ def _derive_pauses(run: pd.DataFrame, clock: str) -> dict[str, "pd.Series[Any]"]
     return derived
 
 
-def describe_clock(features: pd.DataFrame) -> list[str]:
+def describe_clock_jumps(features: pd.DataFrame) -> list[str]:
     """Say where the clock of a run jumps: backwards, or by whole hours between regular trials.
 
     Parameters
@@ -240,10 +242,10 @@ def describe_clock(features: pd.DataFrame) -> list[str]:
     list of str
         A sentence for each jump.
     """
-    clock = _find_clock(features)
+    clock = _find_clock_column(features)
     if clock is None:
         return []
-    run = features.iloc[np.argsort(_read_order(features), kind="stable")]
+    run = features.iloc[np.argsort(_read_run_order(features), kind="stable")]
     gaps = np.diff(read_numbers(run, clock))
     if not np.isfinite(gaps).any():
         return []

@@ -22,7 +22,7 @@ from stepblocks.loop.apart import describe_trial
 from stepblocks.loop.apart_trial import ApartTrial
 from stepblocks.loop.bench_model import (
     SessionModel,
-    find_column,
+    find_followed_column,
     list_candidates,
     list_covariate_ranges,
 )
@@ -54,7 +54,7 @@ from stepblocks.loop.record import (
     ScansRecord,
 )
 from stepblocks.loop.session_table import SessionTable
-from stepblocks.loop.words import find_slope_unit, find_unit
+from stepblocks.loop.words import find_difference_unit, find_slope_unit
 from stepblocks.records.model import WIDE
 from stepblocks.rig.effects.grammar.covariates import CovariateRange
 
@@ -125,7 +125,7 @@ def compose_record(
         could_have_shown=_list_detectable(explanation),
         excluded=table.excluded,
         flagged=mislabelled,
-        apart=_list_apart(table, explanation),
+        apart=_list_apart_trials(table, explanation),
         regimes=table.regimes,
         censored=_list_censored(table, explanation),
         next_experiment=propose_experiment(explanation, checks),
@@ -188,7 +188,7 @@ def _describe_constants(fitted: Fit, spring: float) -> dict[str, Estimate]:
             value, std = spring * value, spring * std
         estimate = _estimate_interval(value, unit, std)
         if constant.startswith("ln_"):
-            estimate = _take_exponential(estimate)
+            estimate = _convert_from_logarithm(estimate)
         estimates[name + bracket + session] = estimate
     return estimates
 
@@ -198,7 +198,7 @@ def _estimate_interval(value: float, unit: str, std: float) -> Estimate:
     return Estimate(value, unit, value - WIDE * std, value + WIDE * std)
 
 
-def _take_exponential(logarithm: Estimate) -> Estimate:
+def _convert_from_logarithm(logarithm: Estimate) -> Estimate:
     """Turn the estimate of a logarithm into that of the number itself."""
     value = float(np.exp(logarithm.value))
     low, high = float(np.exp(logarithm.low)), float(np.exp(logarithm.high))
@@ -340,10 +340,10 @@ def _describe_parameters(effect: Law, fitted: Fit, problem: Problem) -> dict[str
             scale, unit = find_slope_unit(_find_range(problem.trials, effect.covariate))
         estimates[p.name] = _estimate_interval(scale * values[p.name], unit, scale * std[p.name])
     for name in effect.steps:
-        column = find_column(problem.trials, fitted.predicted, effect.covariate)
+        column = find_followed_column(problem.trials, fitted.predicted, effect.covariate)
         low, high = bound_jump_place(problem, fitted, effect, name, column)
         # a place on a scale of degrees is no difference of temperatures
-        unit = find_unit(effect.covariate).strip("()").replace("K", "°C")
+        unit = find_difference_unit(effect.covariate).strip("()").replace("K", "°C")
         estimates[name] = replace(estimates[name], low=low, high=high, unit=unit)
     return estimates
 
@@ -403,7 +403,7 @@ def _list_detectable(explanation: Explanation) -> list[DetectableEffect]:
     return list(by_slot.values())
 
 
-def _list_apart(table: SessionTable, explanation: Explanation) -> list[ApartTrial]:
+def _list_apart_trials(table: SessionTable, explanation: Explanation) -> list[ApartTrial]:
     """List the trials that went wrong, with the chance that they did and what they look like."""
     measured = np.isfinite(table.measured[:, JUDGED])
     outlying = measured & np.isnan(table.trials.values[:, JUDGED])

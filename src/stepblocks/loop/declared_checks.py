@@ -7,7 +7,7 @@ _SLIPS = (2.0, 10.0, 100.0, 1000.0)  # factors by which people slip
 _NEAR_SLIP = 0.08  # of such a factor
 
 
-def find_slip(ratio: float) -> float | None:
+def find_slip_factor(ratio: float) -> float | None:
     """Find the factor near which a ratio lies, at which people slip."""
     for factor in _SLIPS:
         for slip in (factor, 1.0 / factor):
@@ -61,7 +61,7 @@ class Declared(Enum):
         return "put a known weight on the normal gauge, and weigh the weights"
 
 
-def _compute_percent_off(ratio: float) -> float:
+def _compute_deviation_percent(ratio: float) -> float:
     """Compute by how many percent a ratio is off one; below one it is negative."""
     return 100.0 * (ratio - 1.0)
 
@@ -101,9 +101,9 @@ class CalibrationCheck:
     @property
     def sentence(self) -> str:
         """The contradiction in plain words."""
-        percent = _compute_percent_off(self.shown)
+        percent = _compute_deviation_percent(self.shown)
         direction = "more" if percent > 0.0 else "less"
-        ends = abs(_compute_percent_off(self.low)), abs(_compute_percent_off(self.high))
+        ends = abs(_compute_deviation_percent(self.low)), abs(_compute_deviation_percent(self.high))
         low, high = sorted(ends)
         suspects = self.quantity.suspects
         if self.slip is not None:
@@ -138,7 +138,7 @@ class RateCheck:
     @property
     def slip(self) -> float | None:
         """The factor near which the ratio lies, at which people slip."""
-        return find_slip(self.shown)
+        return find_slip_factor(self.shown)
 
     @property
     def sentence(self) -> str:

@@ -136,7 +136,7 @@ def propose_experiment(
         return NextExperiment(sentences, weighings or None, _WRITE_DOWN)
     separates = models.effect.id, models.rival
     checks_of_doubt = _list_checks_of_doubt(explanation)
-    moves = tuple(dict.fromkeys((*weighings, *checks_of_doubt, *_list_moves(explanation))))
+    moves = tuple(dict.fromkeys((*weighings, *checks_of_doubt, *_list_bench_advice(explanation))))
     trials = explanation.problem.trials
     extra = _list_varied_covariates(trials, models)
     grid = build_grid(trials, extra)
@@ -153,8 +153,8 @@ def propose_experiment(
     note = ""
     if not 0 < ranking.repeats <= len(trials):
         # what it would take is said, and not asked for
-        note = _describe_price(ranking, trials)
-        moves = moves or _list_other_ways(explanation)
+        note = _describe_unaffordable_trials(ranking, trials)
+        moves = moves or _list_calibration_advice(explanation)
         block = None
     return NextExperiment(
         separates=separates,
@@ -176,7 +176,7 @@ def _list_checks_of_doubt(explanation: Explanation) -> tuple[str, ...]:
     return ()
 
 
-def _list_other_ways(explanation: Explanation) -> tuple[str, ...]:
+def _list_calibration_advice(explanation: Explanation) -> tuple[str, ...]:
     """List what tells more than drags would: scans of blocks without one, weights, the spring."""
     model = explanation.problem.model
     assert isinstance(model, SessionModel)
@@ -190,7 +190,7 @@ def _list_other_ways(explanation: Explanation) -> tuple[str, ...]:
     return tuple(ways)
 
 
-def _describe_price(ranking: Ranking, trials: Trials) -> str:
+def _describe_unaffordable_trials(ranking: Ranking, trials: Trials) -> str:
     """Say why no trials are asked for: more would be needed than a session has."""
     needed = "no number of trials is enough"
     if ranking.repeats:
@@ -215,7 +215,7 @@ def _choose_models(explanation: Explanation) -> _RivalModels | None:
     return _RivalModels(finding.effect, NOTHING, explanation.extended, without)
 
 
-def _list_moves(explanation: Explanation) -> tuple[str, ...]:
+def _list_bench_advice(explanation: Explanation) -> tuple[str, ...]:
     """List once each what to do on the bench to decide among the effects and their rivals."""
     moves: dict[str, None] = {}
     for finding in explanation.findings:

@@ -50,7 +50,7 @@ def write_sentence(explanation: Explanation, record: LoopRecord) -> str:
             f"{errors.before}, noise {errors.noise}"
         )
     parts = record.list_calibration_texts()
-    parts += _list_parts(explanation, record)
+    parts += _list_sentences(explanation, record)
     text = "; ".join(dict.fromkeys(parts))
     if not text:
         text = "The trials differ by more than noise would do, and no law is claimed"
@@ -60,7 +60,7 @@ def write_sentence(explanation: Explanation, record: LoopRecord) -> str:
             f"{errors.before} -> {errors.after} on new trials, "
             f"{errors.before_blocks} -> {errors.after_blocks} on new blocks"
         )
-    apart = describe_apart(len(record.apart))
+    apart = describe_apart_trials(len(record.apart))
     text = f"{text}{apart}; error of E_v {change}, noise {errors.noise}"
     return text[0].upper() + text[1:]
 
@@ -75,7 +75,7 @@ def _describe_detectable(record: LoopRecord) -> str:
     return f" (what would have shown: {', '.join(effects)})"
 
 
-def describe_apart(count: int) -> str:
+def describe_apart_trials(count: int) -> str:
     """Say how many trials were held apart; empty where none were."""
     if count == 0:
         return ""
@@ -83,7 +83,7 @@ def describe_apart(count: int) -> str:
     return f"; {count} {trials} held apart"
 
 
-def _list_parts(explanation: Explanation, record: LoopRecord) -> list[str]:
+def _list_sentences(explanation: Explanation, record: LoopRecord) -> list[str]:
     """List what is said of the hints, the findings and the whole."""
     sentences = explanation.hint_sentences
     parts = [*sentences]
@@ -120,20 +120,20 @@ def format_errors(nominal: ModelErrors, extended: ModelErrors) -> ErrorsInWords:
 
     A model that errs by more beyond chance is not delivered, so that a rise is one by chance.
     """
-    before = _find_percent(nominal.ln_energy_rms)
-    before_blocks = _find_percent(nominal.ln_energy_rms_blocks_left_out)
-    after = _find_percent(extended.ln_energy_rms)
-    after_blocks = _find_percent(extended.ln_energy_rms_blocks_left_out)
+    before = _convert_to_percent(nominal.ln_energy_rms)
+    before_blocks = _convert_to_percent(nominal.ln_energy_rms_blocks_left_out)
+    after = _convert_to_percent(extended.ln_energy_rms)
+    after_blocks = _convert_to_percent(extended.ln_energy_rms_blocks_left_out)
     return ErrorsInWords(
         before=_format_percent(before),
         after=_format_percent_after(after, before),
         before_blocks=_format_percent(before_blocks),
         after_blocks=_format_percent_after(after_blocks, before_blocks),
-        noise=_format_percent(_find_percent(extended.noise_floor.ln_energy_rms)),
+        noise=_format_percent(_convert_to_percent(extended.noise_floor.ln_energy_rms)),
     )
 
 
-def _find_percent(rms: float) -> float:
+def _convert_to_percent(rms: float) -> float:
     """Turn an error of a logarithm into whole percents of the number itself."""
     return float(np.rint(100.0 * np.expm1(rms)))
 

@@ -11,7 +11,7 @@ from stepblocks.lawsearch.findings import Explanation, Finding, Verdict
 from stepblocks.lawsearch.holdout import Holdout
 from stepblocks.loop.channels import ENERGY, JUDGED
 from stepblocks.loop.finding import (
-    describe_apart,
+    describe_apart_trials,
     describe_doubt_of_whole,
     describe_finding,
     format_errors,
@@ -53,7 +53,7 @@ def write_headline(
     lines += _write_findings(explanation, record, table)
     if not lines:
         lines.append("No effect beyond noise was found")
-    lines += _write_rest(explanation, record)
+    lines += _write_closing_lines(explanation, record)
     return tuple(map(begin_sentence, lines))
 
 
@@ -82,14 +82,14 @@ def _write_finding(
     chance = f"{finding.gate_p:.2g}"
     if finding.gate_p < _LEAST_SHOWN_P:
         chance = f"less than {_LEAST_SHOWN_P:g}"
-    count = _count_trials(finding, table)
+    count = _count_trials_of_effect(finding, table)
     return (
         f"{text} ({_SURE[finding.verdict]}; chance of a false alarm {chance}; rests on "
         f"{count} trials)"
     )
 
 
-def _count_trials(finding: Finding, table: SessionTable) -> int:
+def _count_trials_of_effect(finding: Finding, table: SessionTable) -> int:
     """Count the trials that speak of an effect: those of its blocks, or all that were measured."""
     trials = table.trials
     measured = np.isfinite(trials.values[:, JUDGED]).any(axis=1)
@@ -98,13 +98,13 @@ def _count_trials(finding: Finding, table: SessionTable) -> int:
     return int(measured.sum())
 
 
-def _write_rest(explanation: Explanation, record: LoopRecord) -> list[str]:
+def _write_closing_lines(explanation: Explanation, record: LoopRecord) -> list[str]:
     """Write what remains unexplained, the trials held apart, the notes, and the errors."""
     lines = []
     doubt = describe_doubt_of_whole(explanation)
     if doubt:
         lines.append(doubt)
-    apart = describe_apart(len(record.apart))
+    apart = describe_apart_trials(len(record.apart))
     if apart:
         lines.append(apart.removeprefix("; "))
     lines += record.notes

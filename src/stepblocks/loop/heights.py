@@ -22,7 +22,7 @@ _WIDE = 1.96  # standard uncertainties beyond its tolerance from which a height 
 _UNSCANNED_EDGES = (0.5e-6, 0.5e-6)
 
 
-def add_height_errors(explanation: Explanation, table: SessionTable) -> Explanation:
+def add_height_findings(explanation: Explanation, table: SessionTable) -> Explanation:
     """Name every block without a scan whose height is beyond its tolerance by 95 %.
 
     The height error of blocks that a search has named becomes known as well as that of the others.
@@ -42,7 +42,7 @@ def add_height_errors(explanation: Explanation, table: SessionTable) -> Explanat
     if not beyond:
         return explanation
     laws = [law for law in list_named_laws(list(beyond)) if law.covariate == "block"]
-    model = _give_heights_to_laws(table, list(beyond))
+    model = _fix_heights_at_nominal(table, list(beyond))
     problem = replace(explanation.problem, model=model)
     start = dict(fitted.values)
     for law, block in zip(laws, beyond, strict=True):
@@ -57,14 +57,14 @@ def add_height_errors(explanation: Explanation, table: SessionTable) -> Explanat
     extended = fit(problem, (*fitted.effects, *new_laws), start)
     findings = [*explanation.findings]
     for law, p_value in zip(new_laws, p_values, strict=True):
-        findings.append(_judge_height(problem, extended, law, p_value))
+        findings.append(_make_height_finding(problem, extended, law, p_value))
     verdict = explanation.verdict
     if verdict is Verdict.NONE:
         verdict = Verdict.EFFECT
     return replace(
         explanation,
         problem=problem,
-        extended=replace(extended, std=_estimate_doubt(problem, extended, model)),
+        extended=replace(extended, std=_estimate_uncertainties(problem, extended, model)),
         findings=tuple(findings),
         verdict=verdict,
     )
@@ -90,7 +90,7 @@ def _find_blocks_beyond_tolerance(fitted: Fit, table: SessionTable) -> dict[str,
     return found
 
 
-def _give_heights_to_laws(table: SessionTable, blocks: list[str]) -> SessionModel:
+def _fix_heights_at_nominal(table: SessionTable, blocks: list[str]) -> SessionModel:
     """Fix the heights of some blocks in the model at their nominal values: laws change them."""
     scanned: Mapping[str, tuple[float, float]] = table.model.scanned or {}
     heights = dict(scanned)
@@ -100,7 +100,7 @@ def _give_heights_to_laws(table: SessionTable, blocks: list[str]) -> SessionMode
     return replace(table.model, scanned=heights)
 
 
-def _judge_height(problem: Problem, extended: Fit, law: Law, p_value: float) -> Finding:
+def _make_height_finding(problem: Problem, extended: Fit, law: Law, p_value: float) -> Finding:
     """Make a finding of the height of a block."""
     without = fit_without(problem, extended, law)
     shares = find_largest_shares(problem, without, extended)
@@ -114,7 +114,9 @@ def _judge_height(problem: Problem, extended: Fit, law: Law, p_value: float) -> 
     )
 
 
-def _estimate_doubt(problem: Problem, extended: Fit, model: SessionModel) -> dict[str, float]:
+def _estimate_uncertainties(
+    problem: Problem, extended: Fit, model: SessionModel
+) -> dict[str, float]:
     """Estimate the uncertainty of all values, that of edges which nobody scanned included.
 
     What is delivered has sharp edges where nobody scanned them; what their rounding would change

@@ -21,14 +21,19 @@ from stepblocks.lawsearch.adequacy import LEVEL
 from stepblocks.lawsearch.findings import Explanation
 from stepblocks.lawsearch.forward_model import Floats
 from stepblocks.lawsearch.law import Law
-from stepblocks.loop.bench_model import find_column
+from stepblocks.loop.bench_model import find_followed_column
 from stepblocks.loop.channels import CHANNELS_IN_WORDS, JUDGED, is_logarithm
 from stepblocks.loop.experiment import NextExperiment
 from stepblocks.loop.figures import AFTER, BEFORE, CHANNELS, plot_agreement
 from stepblocks.loop.finding import format_errors
 from stepblocks.loop.record import Estimate, LoopRecord
 from stepblocks.loop.result import LoopResult
-from stepblocks.loop.words import describe_covariate, format_value, name_effect, write_plainly
+from stepblocks.loop.words import (
+    describe_covariate,
+    format_name_in_words,
+    format_value,
+    name_effect,
+)
 from stepblocks.quantities import format_column_label
 from stepblocks.records.model import WIDE
 from stepblocks.rig.forward import PEAK_FORCE, SPEED_OVER_LOAD
@@ -104,14 +109,14 @@ def render_loop_page(result: LoopResult, traces: Sequence[Path] = ()) -> str:
         Figures of the trials that were held apart.
     """
     record, found = result.record, result.found
-    encoded_traces = [_encode(path.read_bytes()) for path in traces]
+    encoded_traces = [_encode_data_url(path.read_bytes()) for path in traces]
     residuals = [_draw_residuals(found, channel) for channel in _SHOWN_CHANNELS]
     return render_page(
         "stepblocks.loop",
         "loop.html.j2",
         title=result.title,
         asked=record.next_experiment or NextExperiment(()),
-        plain=write_plainly,
+        plain=format_name_in_words,
         say=describe_covariate,
         name_effect=name_effect,
         value=format_value,
@@ -142,15 +147,15 @@ def _draw_effects(result: LoopResult) -> list[Picture]:
     return pictures
 
 
-def _encode_png(figure: "Figure") -> str:
+def _draw_as_data_url(figure: "Figure") -> str:
     """Draw a figure as a data URL, as `savefig` does, but laid out and drawn once."""
     buffer = BytesIO()
     figure.set_dpi(_DOTS_PER_INCH)
     FigureCanvasAgg(figure).print_png(buffer, metadata={"Software": None})
-    return _encode(buffer.getvalue())
+    return _encode_data_url(buffer.getvalue())
 
 
-def _encode(png: bytes) -> str:
+def _encode_data_url(png: bytes) -> str:
     """Turn a PNG into a data URL."""
     return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
 
@@ -160,7 +165,7 @@ def _draw_agreement(explanation: Explanation) -> str:
     figure, axes = make_figure(1, 2, width=10.0, height=4.4)
     for axis, channel in zip(axes, CHANNELS, strict=True):
         plot_agreement(explanation, axis, channel)
-    return _encode_png(figure)
+    return _draw_as_data_url(figure)
 
 
 def _draw_residuals(explanation: Explanation, channel: str) -> Picture:
@@ -181,7 +186,7 @@ def _draw_residuals(explanation: Explanation, channel: str) -> Picture:
     axes[0].legend(fontsize=8)
     unit = "ln of measured over predicted" if is_logarithm(channel) else "difference"
     axes[0].set_ylabel(unit)
-    return Picture(CHANNELS_IN_WORDS[channel], _encode_png(figure))
+    return Picture(CHANNELS_IN_WORDS[channel], _draw_as_data_url(figure))
 
 
 def _list_varying_columns(explanation: Explanation) -> dict[str, NDArray[np.generic]]:
@@ -191,7 +196,7 @@ def _list_varying_columns(explanation: Explanation) -> dict[str, NDArray[np.gene
     for name, column in trials.covariates.items():
         if len(np.unique(column)) > 1:
             columns[name] = column
-    columns[PEAK_FORCE] = find_column(trials, explanation.extended.predicted, PEAK_FORCE)
+    columns[PEAK_FORCE] = find_followed_column(trials, explanation.extended.predicted, PEAK_FORCE)
     return columns
 
 
@@ -229,16 +234,16 @@ def find_abscissa(column: NDArray[np.generic]) -> Abscissa:
 
 def _draw_effect(result: LoopResult, effect: Law, name: str) -> Picture:
     """Draw the change that an effect makes over what it follows, with its 95 % band."""
-    shown = compute_change(result.found, effect)
+    shown = compute_effect_change(result.found, effect)
     covariate = choose_covariate(result, effect)
     trials = result.table.trials
-    column = find_column(trials, result.found.extended.predicted, covariate)
+    column = find_followed_column(trials, result.found.extended.predicted, covariate)
     abscissa = find_abscissa(column)
     x, curve, band = average_by_setting(abscissa.places, shown.change, shown.std)
     channel = CHANNELS_IN_WORDS[result.found.problem.trials.channels[shown.channel]]
-    low = _find_percent(curve - WIDE * band)
-    middle = _find_percent(curve)
-    high = _find_percent(curve + WIDE * band)
+    low = _convert_to_percent(curve - WIDE * band)
+    middle = _convert_to_percent(curve)
+    high = _convert_to_percent(curve + WIDE * band)
     figure, axis = make_figure(width=6.0, height=3.4)
     if abscissa.ticks:  # nothing lies between two labels
         axis.errorbar(x, middle, (middle - low, high - middle), fmt="o", color=AFTER)
@@ -249,15 +254,15 @@ def _draw_effect(result: LoopResult, effect: Law, name: str) -> Picture:
     axis.axhline(0.0, color="0.6", lw=0.8)
     axis.set(xlabel=format_column_label(covariate), ylabel=f"change of {channel}, %")
     title = f"{name}: change of {channel} that it makes, average over the other settings"
-    return Picture(title, _encode_png(figure))
+    return Picture(title, _draw_as_data_url(figure))
 
 
-def _find_percent(logarithm: Floats) -> Floats:
+def _convert_to_percent(logarithm: Floats) -> Floats:
     """Turn a change of a logarithm into percents of the number itself."""
     return np.asarray(100.0 * np.expm1(logarithm))
 
 
-def compute_change(explanation: Explanation, effect: Law) -> EffectChange:
+def compute_effect_change(explanation: Explanation, effect: Law) -> EffectChange:
     """Compute the change that an effect makes in the channel that it moves most.
 
     The uncertainty follows to first order from that of the parameters of the effect.

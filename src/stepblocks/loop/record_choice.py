@@ -45,7 +45,9 @@ def choose_records(of_features: LoopResult, of_records: SessionTable, seed: int)
     energy = _compare_errors(errors.loc[names, ENERGY], record_errors.loc[names, ENERGY])
     force = _compare_errors(errors.loc[names, PEAK_FORCE], record_errors.loc[names, PEAK_FORCE])
     return RecordChoice(
-        ln_energy=energy, ln_peak_force=force, whole_records_stand=_are_better(energy, force)
+        ln_energy=energy,
+        ln_peak_force=force,
+        whole_records_stand=_are_whole_records_better(energy, force),
     )
 
 
@@ -89,7 +91,7 @@ def _compute_rms(errors: Floats) -> float:
     return float(np.sqrt(np.mean(errors**2)))
 
 
-def _are_better(energy: HeldOutPair, force: HeldOutPair) -> bool:
+def _are_whole_records_better(energy: HeldOutPair, force: HeldOutPair) -> bool:
     """Tell whether whole records are predicted better in one channel and no worse in the other."""
     for channel, opposite in ((energy, force), (force, energy)):
         is_better = channel.p_better < _BETTER and channel.whole_records_rms < channel.features_rms

@@ -29,11 +29,11 @@ from stepblocks.lawsearch.holdout import (
     split_within_blocks,
 )
 from stepblocks.loop.bench_model import list_covariate_ranges
-from stepblocks.loop.block_scans import ScannedBlocks, Scans, scan_blocks
+from stepblocks.loop.block_scans import ScannedBlocks, Scans, measure_block_scans
 from stepblocks.loop.calibration_check import check_calibration, weigh_calibration
 from stepblocks.loop.compose import compose_record
 from stepblocks.loop.experiment import format_block_stimulus
-from stepblocks.loop.heights import add_height_errors
+from stepblocks.loop.heights import add_height_findings
 from stepblocks.loop.record import SCHEMA, format_document
 from stepblocks.loop.record_choice import choose_records, describe_choice
 from stepblocks.loop.result import LoopResult, build_learned_model
@@ -279,7 +279,9 @@ class _SessionFolder:
             blocks = sorted(set(features["block"].dropna()))
         # what was inspected needs no scan
         unknown = [block for block in blocks if block not in self.inspected]
-        found = scan_blocks(self.folder, self.declared.stimuli.scans, unknown, self.declared.layout)
+        found = measure_block_scans(
+            self.folder, self.declared.stimuli.scans, unknown, self.declared.layout
+        )
         scans = dict(found.scans)
         for block in blocks:
             if block in self.inspected:
@@ -424,11 +426,11 @@ def _explain_and_hold_out(
     if announce:
         announce_first = partial(announce, 1, 1 + len(folds))
     found = explain(model, trials, model.candidates(trials), rules, announce=announce_first)
-    selected = _search_folds(table, found, folds, rules, jobs, announce)
+    selected = _search_without_folds(table, found, folds, rules, jobs, announce)
     of_inside, of_outside = selected[: len(inside)], selected[len(inside) :]
     found = check_claims(found, of_inside, of_outside, model.cells(trials))
     found, (within, between) = choose_delivered_effects(
-        add_height_errors(found, table), (inside, outside), model.candidates
+        add_height_findings(found, table), (inside, outside), model.candidates
     )
     return _Explained(
         withdraw_claims(found, hints),
@@ -442,7 +444,7 @@ def _keep_large_folds(table: SessionTable, folds: Sequence[Rows]) -> list[Rows]:
     return [rows for rows in folds if len(table.trials) - len(rows) >= _FEWEST_TRIALS]
 
 
-def _search_folds(
+def _search_without_folds(
     table: SessionTable,
     found: Explanation,
     folds: Sequence[Rows],

@@ -20,7 +20,7 @@ from stepblocks.errors import BenchError
 from stepblocks.files.atomic import replace_text
 from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.lawsearch.forward_model import Floats
-from stepblocks.loop.calibration_check import check_quantity, find_declared
+from stepblocks.loop.calibration_check import check_quantity, find_declared_value
 from stepblocks.loop.declared_checks import CalibrationCheck, Declared, RateCheck, SessionCheck
 from stepblocks.loop.record import SCHEMA, convert_to_plain, format_document
 from stepblocks.loop.session_table import estimate_unloaded_zeros
@@ -94,7 +94,7 @@ def _hold_against_declaration(
             measured.append(result)
         else:
             faults.append(result.fault)
-    ring = _find_ring(measured)
+    ring = _find_ring_frequency(measured)
     lowest, highest = USUAL_RING
     reason = ""
     if faults:
@@ -127,7 +127,7 @@ def _check_quantity(
     shown = _read_feature(measured, "normal_load_n") / loads
     if quantity is Declared.SPRING:
         shown = _read_feature(measured, "spring_constant_n_per_m") / spring_constant
-    value = find_declared(quantity, known, spring_constant, float(np.median(loads)))
+    value = find_declared_value(quantity, known, spring_constant, float(np.median(loads)))
     return check_quantity(quantity, shown, value)
 
 
@@ -177,7 +177,7 @@ def _check_rate(traces: _ClockedTraces, results: Sequence[TrialResult]) -> RateC
     return RateCheck(acquisition.sample_rate, shown, min(ratios), max(ratios), contradicts)
 
 
-def _find_ring(measured: Sequence[TrialResult]) -> float | None:
+def _find_ring_frequency(measured: Sequence[TrialResult]) -> float | None:
     """Find the frequency at which the tool rings [Hz]; None where too few trials rang."""
     rings = _read_feature(measured, "ring_frequency_hz")
     rings = rings[np.isfinite(rings)]

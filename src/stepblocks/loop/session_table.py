@@ -22,7 +22,7 @@ from stepblocks.loop.columns import (
     FIRST_FIGURE,
     count_gaps,
     derive_covariates,
-    describe_clock,
+    describe_clock_jumps,
     read_channels,
     read_covariates,
     read_numbers,
@@ -116,8 +116,8 @@ def build_session_table(
     PipelineError
         If a column is missing, or fewer than 12 trials can be used.
     """
-    _check_columns(features)
-    features = _complete_columns(features)
+    _refuse_missing_columns(features)
+    features = _complete_text_columns(features)
     tips = features.get("tip", pd.Series("", features.index)).astype(str)
     radius_um = read_tip_radii(tips, tip_radius * 1e6)
     selection = select_usable_trials(features, radius_um, spring_constant)
@@ -153,7 +153,7 @@ def build_session_table(
         model=model,
         tip_radius_um=tip_radius * 1e6,
         measured=trials.values,
-        notes=(*_describe_gaps(table), *describe_clock(features)),
+        notes=(*_describe_gaps(table), *describe_clock_jumps(features)),
     )
 
 
@@ -171,7 +171,7 @@ def _freeze_laws(laws: Mapping[str, Mapping[str, Any]]) -> tuple[tuple[str, Any]
     return tuple((kind, tuple(law.items())) for kind, law in laws.items())
 
 
-def _check_columns(features: pd.DataFrame) -> None:
+def _refuse_missing_columns(features: pd.DataFrame) -> None:
     """Refuse a table that lacks a required column."""
     missing = [name for name in _REQUIRED if name not in features.columns]
     if missing:
@@ -180,7 +180,7 @@ def _check_columns(features: pd.DataFrame) -> None:
         )
 
 
-def _complete_columns(features: pd.DataFrame) -> pd.DataFrame:
+def _complete_text_columns(features: pd.DataFrame) -> pd.DataFrame:
     """Return the table with ``trial``, ``status`` and ``reason`` as text."""
     status: str | pd.Series = "ok"
     if "status" in features:
@@ -242,15 +242,15 @@ def _average_edge_radius(scans: Scans) -> tuple[float, float] | None:
 
 def _guess_tool(trials: Trials, spring_constant: float) -> Tool:
     """Guess the ring of the tool from the trials; where none rang, that of the paper stands."""
-    frequency = _find_median(trials.values[:, RING_FREQUENCY], PAPER.tool.frequency)
-    decay_time = _find_median(trials.values[:, DECAY_TIME], PAPER.tool.decay_time)
+    frequency = _find_median_from_logarithms(trials.values[:, RING_FREQUENCY], PAPER.tool.frequency)
+    decay_time = _find_median_from_logarithms(trials.values[:, DECAY_TIME], PAPER.tool.decay_time)
     # a trial that was measured was within the limits of its bench
     return Tool(
         stiffness=spring_constant, frequency=frequency, decay_time=decay_time, limits=Limits()
     )
 
 
-def _find_median(logarithms: Floats, default: float) -> float:
+def _find_median_from_logarithms(logarithms: Floats, default: float) -> float:
     """Find the median of numbers from their logarithms, where there are any."""
     seen = logarithms[np.isfinite(logarithms)]
     if not seen.size:

@@ -97,7 +97,7 @@ class PooledParameter:
     sessions: Mapping[str, SessionValue]
     equal_p_value: float = math.nan
 
-    def take_exponential(self) -> "PooledParameter":
+    def convert_from_logarithm(self) -> "PooledParameter":
         """Return the number itself of a parameter that was pooled as a logarithm."""
         sessions = {}
         for name, session in self.sessions.items():
@@ -178,7 +178,7 @@ def _join_models(tables: Mapping[str, SessionTable]) -> SessionModel:
     for model in models.values():
         scanned |= model.scanned or {}
     for block in scanned:
-        _check_scans_agree(block, models)
+        _refuse_contradicting_scans(block, models)
     # what one session knows of a gauge is taken for that of a session which does not
     known: dict[str, tuple[float, float]] = {}
     certificates_of: dict[str, list[tuple[float, float]]] = {}
@@ -195,7 +195,7 @@ def _join_models(tables: Mapping[str, SessionTable]) -> SessionModel:
     return replace(first, scanned=scanned, known=known, own=own)
 
 
-def _check_scans_agree(block: str, models: Mapping[str, SessionModel]) -> None:
+def _refuse_contradicting_scans(block: str, models: Mapping[str, SessionModel]) -> None:
     """Refuse a block of one name whose scans show different heights in two sessions."""
     seen = {}
     for session, model in models.items():
@@ -316,7 +316,7 @@ def pool_parameter(unit: str, sessions: Mapping[str, float], covariance: Floats)
     )
 
 
-def list_shared(fitted: Fit, sessions: Sequence[str]) -> dict[str, PooledParameter]:
+def pool_shared_parameters(fitted: Fit, sessions: Sequence[str]) -> dict[str, PooledParameter]:
     """List what sessions share and how they differ, by parameter of a fit of all of them.
 
     Parameters
@@ -358,7 +358,7 @@ def _pool_by_nature(
     numbers = np.array(list(values.values()))
     logarithms = {session: math.log(value) for session, value in values.items()}
     relative = covariance / np.outer(numbers, numbers)
-    return pool_parameter(unit, logarithms, relative).take_exponential()
+    return pool_parameter(unit, logarithms, relative).convert_from_logarithm()
 
 
 def describe_day_differences(shared: Mapping[str, PooledParameter]) -> list[str]:
@@ -367,7 +367,7 @@ def describe_day_differences(shared: Mapping[str, PooledParameter]) -> list[str]
     Parameters
     ----------
     shared : Mapping[str, PooledParameter]
-        As `list_shared` returns them.
+        As `pool_shared_parameters` returns them.
 
     Returns
     -------
@@ -436,18 +436,18 @@ def explain_together(
     result = analyse_table(join_tables(tables), scans, jobs=jobs, rules=rules, announce=announce)
     sessions = list(tables)
     nominal, extended = result.found.nominal, result.found.extended
-    shared = list_shared(extended, sessions)
+    shared = pool_shared_parameters(extended, sessions)
     result = _put_day_differences_first(result, shared)
     model = replace(
         result.model,
         verdict="several sessions",
-        nominal=_predict_next(nominal, list_shared(nominal, sessions)),
-        extended=_predict_next(extended, shared),
+        nominal=_predict_next_session(nominal, pool_shared_parameters(nominal, sessions)),
+        extended=_predict_next_session(extended, shared),
     )
     return replace(result, title=", ".join(tables), model=model), shared
 
 
-def _predict_next(fitted: Fit, shared: Mapping[str, PooledParameter]) -> LearnedFit:
+def _predict_next_session(fitted: Fit, shared: Mapping[str, PooledParameter]) -> LearnedFit:
     """Predict the constants and effects of a session that is yet to come."""
     values, units, variances = {}, [], []
     for name, pooled in shared.items():
@@ -495,7 +495,7 @@ def loop_sessions(
         differ, or the output cannot be written.
     """
     folders = _name_folders(sessions)
-    _check_probes(folders)
+    _refuse_different_probes(folders)
     output = Path(output)
     with lock_folder(output):
         results, tables, summaries = {}, {}, {}
@@ -543,7 +543,7 @@ def _name_folders(sessions: Sequence[str | Path]) -> dict[str, Path]:
     return folders
 
 
-def _check_probes(folders: Mapping[str, Path]) -> None:
+def _refuse_different_probes(folders: Mapping[str, Path]) -> None:
     """Refuse sessions whose springs or known laws differ."""
     stated = {}
     for name, folder in folders.items():

@@ -40,7 +40,7 @@ class ExcludedTrial(NamedTuple):
         return self.reason.startswith(_MISLABELLED)
 
     @property
-    def is_first_of_swap(self) -> bool:
+    def is_first_of_exchanged_labels(self) -> bool:
         """Whether it is the first of two trials whose labels were exchanged."""
         return _SWAP.format(trial=self.trial) in self.reason
 

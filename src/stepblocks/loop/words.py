@@ -54,7 +54,7 @@ _UNFOLLOWED = ("", "none", "block")
 _SHAPES = {"smooth": "a change of", "weighed": "", "trend": "a line of"}
 
 
-def write_plainly(name: str) -> str:
+def format_name_in_words(name: str) -> str:
     """Write the name of a channel, effect or constant in words."""
     if name in CHANNELS_IN_WORDS:
         return CHANNELS_IN_WORDS[name]
@@ -73,8 +73,8 @@ def name_effect(name: str, covariate: str = "") -> str:
     """
     ending = f"_{covariate}"
     if covariate in _UNFOLLOWED or ending not in name:
-        return write_plainly(name)
-    plain = write_plainly(name.replace(ending, ""))
+        return format_name_in_words(name)
+    plain = format_name_in_words(name.replace(ending, ""))
     for shape, words in _SHAPES.items():
         plain = plain.replace(shape, words)
     return f"{plain.strip()} over {describe_covariate(covariate)}"
@@ -122,7 +122,7 @@ def format_value(value: float, unit: str, half_width: float = 0.0) -> str:
     return f"{text} {shown_unit}".rstrip()
 
 
-def find_unit(covariate: str) -> str:
+def find_difference_unit(covariate: str) -> str:
     """Return the unit of differences along a covariate; its name where none is known."""
     for ending, unit in _COVARIATE_UNITS.items():
         if covariate.endswith(ending):
@@ -143,4 +143,4 @@ def find_slope_unit(where: CovariateRange) -> tuple[float, str]:
         return first_factor * second_factor, f"{first_unit} {second_unit}"
     if where.log:
         return 2.0 / float(np.log(where.high / where.low)), f"1/ln {where.name}"
-    return 2.0 / (where.high - where.low), f"1/{find_unit(where.name)}"
+    return 2.0 / (where.high - where.low), f"1/{find_difference_unit(where.name)}"

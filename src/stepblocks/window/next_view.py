@@ -4,7 +4,7 @@ from urllib.parse import quote
 
 from nicegui import ui
 
-from stepblocks.loop.words import begin_sentence, name_effect, write_plainly
+from stepblocks.loop.words import begin_sentence, format_name_in_words, name_effect
 from stepblocks.quantities import format_column_label, format_number, format_units
 from stepblocks.window import texts
 from stepblocks.window.agreement import AskedExperiment, LoopFinding
@@ -23,10 +23,10 @@ def describe_reasons(finding: LoopFinding, asked: AskedExperiment) -> list[str]:
             names.append(name_effect(text, finding.find_covariate(text)))
     if not names:
         return [texts.NEXT_OPEN.format(sentence=begin_sentence(text)) for text in asked.separates]
-    channel = write_plainly(asked.channel) or texts.EVERYTHING
+    channel = format_name_in_words(asked.channel) or texts.EVERYTHING
     if _NOTHING in asked.separates:
         return [texts.NEXT_CONFIRMS.format(first=names[0], channel=channel)]
-    second = write_plainly(asked.separates[-1])
+    second = format_name_in_words(asked.separates[-1])
     if len(names) > 1:
         second = names[1]
     return [texts.NEXT_REASON.format(first=names[0], second=second, channel=channel)]
