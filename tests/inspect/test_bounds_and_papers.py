@@ -18,7 +18,7 @@ from stepblocks.inspect.report import write_inspection
 from stepblocks.inspect.run import inspect_scan
 from stepblocks.predict.run import predict_set
 from stepblocks.records.as_built import read_records
-from stepblocks.records.certificate import collect_content
+from stepblocks.records.certificate import build_certificate_content
 from stepblocks.records.laboratory import InstrumentRecord, Laboratory
 from stepblocks.scans.scan import HeightMap
 
@@ -149,7 +149,7 @@ def test_a_bound_stands_with_its_number_and_the_customer_is_the_laboratorys(batc
     _, many = batch
     report = many.reports["SN-1"]
     record = report.describe()
-    content = collect_content(report.stimulus, record, report.order, "ab" * 32, ROOM)
+    content = build_certificate_content(report.stimulus, record, report.order, "ab" * 32, ROOM)
     bounds = [end.reason for end in content.open_ends if "bound" in end.reason]
     assert bounds
     assert all(re.search(r"at most [\d.]+ um, U \(95 %\) [\d.]+ um", reason) for reason in bounds)

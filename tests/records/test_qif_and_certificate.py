@@ -19,7 +19,7 @@ from stepblocks.parts.conditions import OrderSpec
 from stepblocks.records.certificate import (
     CertifiedCharacteristic,
     Conformity,
-    collect_content,
+    build_certificate_content,
     format_row,
     write_certificate,
     write_pdf,
@@ -302,7 +302,9 @@ def test_the_owner_of_an_order_is_the_customer(tmp_path):
         (OrderSpec(author="A. Maker", owner="Clinic"), "Clinic"),
         (OrderSpec(author="A. Maker"), "A. Maker"),
     ):
-        content = collect_content(PARTS["step-050"], result.describe(), order, "ab" * 32, None)
+        content = build_certificate_content(
+            PARTS["step-050"], result.describe(), order, "ab" * 32, None
+        )
         assert content.customer == customer
 
 
@@ -311,7 +313,9 @@ def test_a_page_says_when_it_is_issued_for_whom_and_has_a_line_to_sign(tmp_path)
     result = inspect_scan(tmp_path / "a.qif", "step-050", stimuli=STIMULI / "paper-ten.toml")
     laboratory = LABORATORY.model_copy(update={"issued": date(2026, 11, 22)})
     order = OrderSpec(owner="Clinic")
-    content = collect_content(PARTS["step-050"], result.describe(), order, "ab" * 32, laboratory)
+    content = build_certificate_content(
+        PARTS["step-050"], result.describe(), order, "ab" * 32, laboratory
+    )
     page = content.render("certificate.txt.j2")
     assert "issued: 2026-11-22" in page
     assert re.search("signer: A. Signer +signature: _{20}", page)
@@ -326,7 +330,9 @@ def test_a_page_that_the_disk_has_no_room_for_is_an_error_of_the_disk(tmp_path):
     size = page.stat().st_size
     page.unlink()
     result = inspect_scan(tmp_path / "a.qif", "step-050", stimuli=STIMULI / "paper-ten.toml")
-    content = collect_content(PARTS["step-050"], result.describe(), ORDER, "ab" * 32, None)
+    content = build_certificate_content(
+        PARTS["step-050"], result.describe(), ORDER, "ab" * 32, None
+    )
     usual = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     try:

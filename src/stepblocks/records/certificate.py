@@ -168,14 +168,14 @@ def write_certificate(
     list of Path
         The digital certificate and the PDF.
     """
-    content = collect_content(part, record, order, digest, laboratory)
+    content = build_certificate_content(part, record, order, digest, laboratory)
     replace_text(path, content.render("dcc.xml.j2"))
     page = path.with_name(f"{path.name.removesuffix('.dcc.xml')}.certificate.pdf")
     write_pdf(page, content)
     return [path, page]
 
 
-def collect_content(
+def build_certificate_content(
     part: Part,
     record: InspectionRecord,
     order: OrderSpec,
@@ -193,11 +193,11 @@ def collect_content(
     for entry in record.characteristics:
         if entry.key not in numbers:
             continue
-        obstacle = _find_obstacle(entry)
+        obstacle = _describe_obstacle(entry)
         if obstacle:
             open_ends.append(OpenEnd(numbers[entry.key], entry.label, obstacle))
         else:
-            results.append(_certify(numbers[entry.key], entry))
+            results.append(_build_certified_characteristic(numbers[entry.key], entry))
     for absent in record.not_measured:
         reason = f"not measured: {absent.needs}"
         open_ends.append(OpenEnd(numbers[absent.key], absent.label, reason))
@@ -234,12 +234,12 @@ def _find_customer(order: OrderSpec, laboratory: Laboratory | None) -> str:
     return order.owner or order.author
 
 
-def _find_obstacle(entry: JudgedRecord) -> str:
+def _describe_obstacle(entry: JudgedRecord) -> str:
     """Return why a value is not certified; empty where nothing stands against it."""
     if not entry.uncertainty_stated:
         return "measured, without a stated uncertainty"
     if entry.bound:
-        return f"known as a bound only: {entry.bound} {_format_bound(entry)}"
+        return f"known as a bound only: {entry.bound} {_describe_bound(entry)}"
     if entry.coverage_factor > _LARGEST_FACTOR:
         return (
             f"too few profiles or scans: coverage factor {entry.coverage_factor:.2f}, "
@@ -248,7 +248,7 @@ def _find_obstacle(entry: JudgedRecord) -> str:
     return ""
 
 
-def _format_bound(entry: JudgedRecord) -> str:
+def _describe_bound(entry: JudgedRecord) -> str:
     """Write the value of a bound with its expanded uncertainty, limits and verdict."""
     factor, unit = 1e6, "um"
     if entry.unit == "rad":
@@ -279,7 +279,7 @@ def _find_conformity_of_whole(results: list[CertifiedCharacteristic], is_complet
     return ""
 
 
-def _certify(number: int, entry: JudgedRecord) -> CertifiedCharacteristic:
+def _build_certified_characteristic(number: int, entry: JudgedRecord) -> CertifiedCharacteristic:
     """Return a characteristic as the certificate states it; `number` is that on the drawing."""
     low, high = entry.interval_95
     limits = []

@@ -86,9 +86,9 @@ class _Reader:
 
     def _read_result(self, measurement: etree._Element, value: etree._Element) -> QifResult:
         """Return one measurement, with what its item, nominal and definition say."""
-        item = self._follow(measurement, "CharacteristicItemId")
-        nominal = self._follow(item, "CharacteristicNominalId")
-        definition = self._follow(nominal, "CharacteristicDefinitionId")
+        item = self._find_referenced(measurement, "CharacteristicItemId")
+        nominal = self._find_referenced(item, "CharacteristicNominalId")
+        definition = self._find_referenced(nominal, "CharacteristicDefinitionId")
         kind = str(measurement.tag).removeprefix(_NS).removesuffix("CharacteristicMeasurement")
         factor = self._find_factor(value, kind)
         target = self._parse_number(_find_text(nominal, "TargetValue")) * factor
@@ -103,7 +103,9 @@ class _Reader:
             limits=self._read_limits(definition, factor, target),
         )
 
-    def _follow(self, element: etree._Element | None, reference: str) -> etree._Element | None:
+    def _find_referenced(
+        self, element: etree._Element | None, reference: str
+    ) -> etree._Element | None:
         """Return the element whose id a child of an element holds."""
         return self.elements.get(_find_text(element, reference))
 

@@ -46,7 +46,7 @@ def read_filled_sheet(path: Path, layout: TableLayout = UNDECLARED) -> list[QifR
         if not cells[_VALUE]:
             continue
         result = _read_line(cells, table.notation)
-        mistake = _find_mistake(cells, result)
+        mistake = _describe_mistake(cells, result)
         if mistake:
             mistakes.append(f"{mistake} [{path}]")
         results.append(result)
@@ -73,7 +73,7 @@ def _read_line(cells: Mapping[str, str], notation: NumberNotation) -> QifResult:
     )
 
 
-def _find_mistake(cells: Mapping[str, str], result: QifResult) -> str:
+def _describe_mistake(cells: Mapping[str, str], result: QifResult) -> str:
     """Return what is wrong with a line, by column; empty where nothing is."""
     place = f"line {cells[_NUMBER]} {cells[_CHARACTERISTIC]}"
     if not math.isfinite(result.value):
