@@ -12,7 +12,7 @@ from stepblocks.bench.session import open_session
 from stepblocks.declaration.read import load_set
 from stepblocks.errors import PipelineError, StepblocksError
 from stepblocks.parts.apparatus.loads import compute_normal_load
-from stepblocks.rehearse.kit_loads import draw_load_error, find_common_std, find_weight
+from stepblocks.rehearse.kit_loads import draw_load_error, find_common_std, find_nearest_weight
 from stepblocks.rehearse.plan import read_plan
 from stepblocks.rehearse.run import simulate_session
 
@@ -46,7 +46,7 @@ def test_the_loads_of_a_plan_are_those_of_the_weights(tmp_path):
 
 
 def test_over_many_sessions_a_load_scatters_by_its_budget():
-    load = find_weight(KIT, 0.49)
+    load = find_nearest_weight(KIT, 0.49)
     chance = np.random.default_rng(1)
     errors = [draw_load_error(KIT, 0.49, seed, chance) for seed in range(1500)]
     # a standard deviation of 1,500 draws is known to 1.8 % (JCGM 100, E.4.3)

@@ -11,10 +11,10 @@ import pytest
 from stepblocks.errors import PipelineError
 from stepblocks.rehearse.plan import SessionPlan, name_block
 from stepblocks.rehearse.truth import (
+    build_drag_inputs,
     build_rig,
     compute_planted_state,
     compute_truth,
-    record_true_drag,
 )
 
 HEIGHT, LOAD, SPEED = 40e-6, 0.7, 4e-3
@@ -165,7 +165,7 @@ def test_the_rig_has_the_corner_of_the_slower_of_gauge_and_declaration():
 
 def test_the_drag_in_time_gets_the_same_trial():
     declared = plan({"slot": "contact_geometry", "size": 15e-6}, {"slot": "drag", "size": 0.02})
-    step, point, pull = record_true_drag(declared, state(declared))
+    step, point, pull = build_drag_inputs(declared, state(declared))
     assert (step.height, step.edge_radius) == pytest.approx((HEIGHT, 15e-6), rel=1e-9)
     assert (point.ball_radius, point.normal_load, point.friction) == pytest.approx(
         (140e-6, LOAD, 0.21)
@@ -178,4 +178,4 @@ def test_an_effect_without_a_place_in_the_drag_in_time_is_refused():
     declared = plan({"law": "block_tilt", "parameters": {"tilt_rad": 0.01}})
     tilted = state(declared)
     with pytest.raises(PipelineError, match="an effect changes tilt"):
-        record_true_drag(declared, tilted)
+        build_drag_inputs(declared, tilted)

@@ -140,14 +140,14 @@ def _plan_session(
     """
     from stepblocks.files.tables import format_csv
     from stepblocks.rehearse.plan import read_plan
-    from stepblocks.rehearse.run import format_session
+    from stepblocks.rehearse.run import format_session_toml
 
     planned = read_plan(plan)
     # what a bench shows and nobody sets is no part of a plan
     shown_by_bench = {"temperature_c": "", "humidity_pct": ""}
     rows = [row | shown_by_bench for row in planned.list_trial_rows()]
     texts = {
-        folder / "session.toml": format_session(planned),
+        folder / "session.toml": format_session_toml(planned),
         folder / "trials.csv": format_csv(rows),
     }
     _refuse_present(texts, force=force)

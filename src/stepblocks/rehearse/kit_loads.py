@@ -15,7 +15,9 @@ _OF_A_WEIGHT = (ErrorSource.MASS, ErrorSource.ARM)
 _MOST_KEPT = 64  # weights whose budgets are kept
 
 
-def find_kit_loads(kit: Apparatus, loads: Sequence[float]) -> tuple[list[float], list[float]]:
+def match_loads_to_weights(
+    kit: Apparatus, loads: Sequence[float]
+) -> tuple[list[float], list[float]]:
     """Find the weights that press with some loads.
 
     Parameters
@@ -35,7 +37,7 @@ def find_kit_loads(kit: Apparatus, loads: Sequence[float]) -> tuple[list[float],
     found = []
     missing = []
     for load in loads:
-        weight = find_weight(kit, load)
+        weight = find_nearest_weight(kit, load)
         if abs(weight.force / load - 1.0) > _SAME_LOAD:
             missing.append(load)
         else:
@@ -43,7 +45,7 @@ def find_kit_loads(kit: Apparatus, loads: Sequence[float]) -> tuple[list[float],
     return found, missing
 
 
-def find_weight(kit: Apparatus, load: float) -> Load:
+def find_nearest_weight(kit: Apparatus, load: float) -> Load:
     """Find the weight of a kit whose force is nearest to a load [N]."""
     return min(_list_loads(kit), key=lambda weight: abs(weight.force - load))
 
@@ -73,18 +75,18 @@ def draw_load_error(kit: Apparatus, load: float, seed: int, chance: np.random.Ge
     float
         The sum of a draw of each line of the budget, rectangular over its half width.
     """
-    weight = find_weight(kit, load)
+    weight = find_nearest_weight(kit, load)
     error = 0.0
     for component in weight.budget:
         if component.is_common:
-            share = _draw_common_share(component, weight, seed)
+            share = _draw_session_share(component, weight, seed)
         else:
             share = chance.uniform(-1.0, 1.0)
         error += share * component.half_width
     return error
 
 
-def _draw_common_share(component: ErrorComponent, weight: Load, seed: int) -> float:
+def _draw_session_share(component: ErrorComponent, weight: Load, seed: int) -> float:
     """Draw the share of a half width that is the same in all trials of a session."""
     stream = [seed, _CHANCE_OF_THE_KIT, list(ErrorSource).index(component.source)]
     if component.source in _OF_A_WEIGHT:
@@ -94,4 +96,4 @@ def _draw_common_share(component: ErrorComponent, weight: Load, seed: int) -> fl
 
 def find_common_std(kit: Apparatus, loads: Sequence[float]) -> float:
     """Find the largest uncertainty that some loads [N] have in common to all trials [N]."""
-    return max(find_weight(kit, load).common_std for load in loads)
+    return max(find_nearest_weight(kit, load).common_std for load in loads)

@@ -22,7 +22,7 @@ from stepblocks.parts.apparatus.declared import Apparatus
 from stepblocks.parts.kinds.kit_part import KitPart
 from stepblocks.quantities import make_quantity_parser
 from stepblocks.rehearse.effects import Finite, PlantedEffect, Source
-from stepblocks.rehearse.kit_loads import find_kit_loads
+from stepblocks.rehearse.kit_loads import match_loads_to_weights
 from stepblocks.rehearse.record import Rig, Truth
 
 _MOST_TRIALS = 1_000_000
@@ -219,7 +219,7 @@ def read_plan(path: Path) -> SessionPlan:
         if fault is not None:
             faults.append(("", fault))
     if plan.apparatus is not None:
-        plan = _use_weights(plan, plan.apparatus, faults)
+        plan = _replace_loads_by_weights(plan, plan.apparatus, faults)
     if faults:
         raise PipelineError(format_mistakes(faults, path))
     return plan
@@ -238,12 +238,14 @@ def _load_apparatus(name: object, plan: Path) -> Apparatus:
     raise PipelineError(f"apparatus must declare a kit in [[apparatus]], got none [{place}]")
 
 
-def _use_weights(plan: SessionPlan, kit: Apparatus, faults: list[Mistake]) -> SessionPlan:
+def _replace_loads_by_weights(
+    plan: SessionPlan, kit: Apparatus, faults: list[Mistake]
+) -> SessionPlan:
     """Take the loads of the weights for those asked for; the kit's budget replaces the scatter.
 
     What is wrong is added to the faults.
     """
-    loads, missing = find_kit_loads(kit, plan.design.loads)
+    loads, missing = match_loads_to_weights(kit, plan.design.loads)
     if missing:
         asked = ", ".join(f"{load:g} N" for load in missing)
         known = ", ".join(f"{mass * kit.gravity.value:.4g} N" for mass in kit.normal_weights)

@@ -59,13 +59,13 @@ class Truth:
     gap: float = 0.0
     release_decay: float = 0.4e-3
 
-    def compute_release(self, since: Array) -> Array:
+    def compute_tangential_force(self, since: Array) -> Array:
         """Return the tangential force at times since the release, shape (n,) [s], [N]."""
         remainder = self.peak_force - self.sliding_force - self.amplitude
-        return self._compute_ring(since) + remainder * np.exp(-since / self.release_decay)
+        return self._compute_ringing_force(since) + remainder * np.exp(-since / self.release_decay)
 
-    def _compute_ring(self, since: Array) -> Array:
-        """Return the ring about the sliding force; see `compute_release`."""
+    def _compute_ringing_force(self, since: Array) -> Array:
+        """Return the ring about the sliding force; see `compute_tangential_force`."""
         if self.gap > 0.0:
             start = (self.sliding_force + self.amplitude, -self.amplitude / self.decay_time)
             tool = Tool(self.frequency, self.decay_time)
@@ -76,7 +76,7 @@ class Truth:
         ring = self.amplitude * np.exp(-since / self.decay_time) * np.cos(phase)
         return np.asarray(self.sliding_force + ring, dtype=float)
 
-    def compute_normal_ring(self, since: Array) -> Array:
+    def compute_normal_force(self, since: Array) -> Array:
         """Return the normal force at times since the release, shape (n,) [s], [N]."""
         phase = 2.0 * math.pi * self.frequency * since
         fading = np.exp(-since / self.decay_time) * np.cos(phase + _SYMPATHETIC_PHASE)
@@ -246,9 +246,9 @@ def record_trial(
     force = truth.sliding_force + loading + start_up
     after = time >= release
     since = time[after] - release
-    force[after] = truth.compute_release(since)
+    force[after] = truth.compute_tangential_force(since)
     normal = np.full(count, truth.load)
-    normal[after] = truth.compute_normal_ring(since)
+    normal[after] = truth.compute_normal_force(since)
     return TimedTrace(rig.add_disturbances(gain * force, normal, random), onset, release)
 
 

@@ -23,10 +23,10 @@ from stepblocks.rehearse.plan import SessionPlan, name_block, read_plan
 from stepblocks.rehearse.record import record_drag, record_trial
 from stepblocks.rehearse.trace_files import TRACE_FILES, open_writer
 from stepblocks.rehearse.truth import (
+    build_drag_inputs,
     build_rig,
     compute_planted_state,
     compute_truth,
-    record_true_drag,
 )
 from stepblocks.rig.state import DragState
 
@@ -129,7 +129,7 @@ def write_session(plan: SessionPlan, folder: Path) -> SimulationSummary:
     """
     heights = _draw_heights(plan)
     _write_scans(plan, heights, folder / "scans")
-    (folder / "session.toml").write_text(format_session(plan), encoding="utf-8", newline="\n")
+    (folder / "session.toml").write_text(format_session_toml(plan), encoding="utf-8", newline="\n")
     summary = _write_trials(plan, heights, folder)
     if summary.locked == summary.planned:
         raise PipelineError("every trial of the plan locks; lower the friction or the heights")
@@ -149,14 +149,14 @@ def _draw_heights(plan: SessionPlan) -> dict[float, float]:
 def _write_scans(plan: SessionPlan, heights: Mapping[float, float], folder: Path) -> None:
     """Write a scan of each block, with the rounding of its edge."""
     folder.mkdir()
-    rounding = max(sum(_find_rounding(effect) for effect in plan.effects), 0.0)
+    rounding = max(sum(_find_constant_rounding(effect) for effect in plan.effects), 0.0)
     for number, (nominal, height) in enumerate(heights.items()):
         path = folder / f"{name_block(nominal)}.csv"
         random = np.random.default_rng([plan.seed, 3, number])
         _write_scan(path, Step(height, rounding), random)
 
 
-def _find_rounding(effect: PlantedEffect) -> float:
+def _find_constant_rounding(effect: PlantedEffect) -> float:
     """Return what an effect adds to the contact geometry as a constant [m]: a scan shows it."""
     if effect.law == "edge_rounding":
         return effect.parameters.get("edge_radius_m", 0.0)
@@ -223,14 +223,14 @@ def _simulate_trial(
         return None
     if plan.source == "drag":
         return _simulate_drag(plan, state, chance)
-    return _simulate_equations(plan, state, chance)
+    return _simulate_by_equations(plan, state, chance)
 
 
 def _simulate_drag(
     plan: SessionPlan, state: DragState, chance: np.random.Generator
 ) -> _SimulatedTrial | None:
     """Record one trial as a drag in time; None where the tip does not slip over."""
-    step, point, pull = record_true_drag(plan, state)
+    step, point, pull = build_drag_inputs(plan, state)
     record = record_drag(
         step,
         point,
@@ -254,7 +254,7 @@ def _simulate_drag(
     return _SimulatedTrial(record.trace, figures)
 
 
-def _simulate_equations(
+def _simulate_by_equations(
     plan: SessionPlan, state: DragState, chance: np.random.Generator
 ) -> _SimulatedTrial | None:
     """Record one trial by equations (1) and (2); None where nothing catches or rings."""
@@ -278,7 +278,7 @@ def _compute_energy(plan: SessionPlan, amplitude: float) -> float:
     return amplitude**2 / (2.0 * plan.model.spring_constant)
 
 
-def format_session(plan: SessionPlan) -> str:
+def format_session_toml(plan: SessionPlan) -> str:
     """Return the declaration of a planned session, as session.toml holds it."""
     title = plan.title.replace("\\", "\\\\").replace('"', '\\"')
     return f"""schema = 1
@@ -296,10 +296,10 @@ channels = {{ time = "time_s", tangential = "fx_n", normal = "fy_n" }}
 [stimuli]
 set = "simulated"
 scans = "scans/{{block}}.csv"
-{_format_calibration(plan)}"""
+{_format_load_calibration(plan)}"""
 
 
-def _format_calibration(plan: SessionPlan) -> str:
+def _format_load_calibration(plan: SessionPlan) -> str:
     """Write what the budget of the kit says of the load; nothing where the plan names none."""
     if plan.apparatus is None:
         return ""

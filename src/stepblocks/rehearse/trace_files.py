@@ -35,7 +35,7 @@ def open_writer(folder: Path, kind: str) -> Iterator[Write]:
     path = folder / TRACE_FILES[kind]
     if kind == "csv":
         path.parent.mkdir()
-        yield lambda trial, trace: _write_text(folder, trial, trace)
+        yield lambda trial, trace: _write_csv(folder, trial, trace)
     elif kind == "mat":
         path.parent.mkdir()
         yield lambda trial, trace: _write_mat(folder, trial, trace)
@@ -43,14 +43,14 @@ def open_writer(folder: Path, kind: str) -> Iterator[Write]:
         from nptdms import TdmsWriter
 
         with TdmsWriter(path) as writer:
-            yield lambda trial, trace: _write_segment(writer, f"{trial:04d}", trace)
+            yield lambda trial, trace: _write_tdms_group(writer, f"{trial:04d}", trace)
     else:
         # the first layout of HDF5, since an older library writes the time into later ones
         with h5py.File(path, "w") as file:
-            yield lambda trial, trace: _write_group(file.create_group(f"{trial:04d}"), trace)
+            yield lambda trial, trace: _write_hdf5_group(file.create_group(f"{trial:04d}"), trace)
 
 
-def _write_text(folder: Path, trial: int, trace: Trace) -> None:
+def _write_csv(folder: Path, trial: int, trace: Trace) -> None:
     path = folder / TRACE_FILES["csv"].format(trial=trial)
     np.savetxt(
         path,
@@ -67,7 +67,7 @@ def _pair_columns(trace: Trace) -> Iterator[tuple[str, Array]]:
     return zip(_NAMES, (trace.time, trace.tangential, trace.normal), strict=True)
 
 
-def _write_group(group: "h5py.Group", trace: Trace) -> None:
+def _write_hdf5_group(group: "h5py.Group", trace: Trace) -> None:
     for name, values in _pair_columns(trace):
         group.create_dataset(
             name, data=values.astype(np.float32), compression="gzip", track_times=False
@@ -89,7 +89,7 @@ def _write_mat(folder: Path, trial: int, trace: Trace) -> None:
     path.write_bytes(_MAT_HEADING + content[len(_MAT_HEADING) :])
 
 
-def _write_segment(writer: "TdmsWriter", group: str, trace: Trace) -> None:
+def _write_tdms_group(writer: "TdmsWriter", group: str, trace: Trace) -> None:
     """Append a trial as a group of TDMS, a channel for each column."""
     from nptdms import ChannelObject
 

@@ -213,7 +213,7 @@ def compute_truth(plan: SessionPlan, state: DragState) -> Truth | None:
     )
 
 
-def record_true_drag(plan: SessionPlan, state: DragState) -> tuple[Step, OperatingPoint, float]:
+def build_drag_inputs(plan: SessionPlan, state: DragState) -> tuple[Step, OperatingPoint, float]:
     """Return the trial in the form that the drag in time takes.
 
     Returns
