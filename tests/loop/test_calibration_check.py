@@ -13,7 +13,7 @@ from stepblocks.loop.bench_model import list_candidates, list_covariate_ranges
 from stepblocks.loop.calibration_check import check_calibration, weigh_calibration
 from stepblocks.loop.declared_checks import Declared
 from stepblocks.loop.session_table import build_session_table
-from stepblocks.rig.forward import format_height_name
+from stepblocks.rig.forward import name_height_error
 
 _TRIALS, _SEED = 40, 4
 
@@ -56,7 +56,7 @@ def test_intervals_of_heights_hold_what_is_not_known_of_the_gain(gained):
     weighed, _ = weigh_calibration(found, check_calibration(table.trials, table.model))
     missed_before, missed = 0, 0
     for block, error in block_errors(columns, _SEED).items():
-        name = format_height_name(block)
+        name = name_height_error(block)
         miss = abs(found.extended.values[name] - error)
         missed_before += miss > 1.96 * found.extended.std[name]
         missed += miss > 1.96 * weighed.extended.std[name]

@@ -40,7 +40,7 @@ def offer(monkeypatch):
     def offer(loaded):
         entry = EntryPoint("film", "film:FILM", "stepblocks.effects")
         monkeypatch.setattr(EntryPoint, "load", lambda self: loaded)
-        monkeypatch.setattr(offered, "entry_points", lambda group: EntryPoints([entry]))
+        monkeypatch.setattr(offered, "find_entry_points", lambda group: EntryPoints([entry]))
 
     return offer
 

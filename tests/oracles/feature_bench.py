@@ -15,7 +15,7 @@ from stepblocks.contact.operating_point import Tool
 from stepblocks.lawsearch.forward_model import Trials
 from stepblocks.lawsearch.law import Active
 from stepblocks.loop.bench_model import SessionModel
-from stepblocks.rig.forward import format_height_name
+from stepblocks.rig.forward import name_height_error
 from stepblocks.rig.state import CHANNELS, compute_channels
 
 __all__ = [
@@ -212,5 +212,5 @@ def _bench(
         "ln_ring_frequency": float(np.log(300.0)),
         "ln_decay_time": float(np.log(0.02)),
     } | dict(truth or {})
-    values |= {format_height_name(b): e for b, e in block_errors(columns, seed, height_std).items()}
+    values |= {name_height_error(b): e for b, e in block_errors(columns, seed, height_std).items()}
     return empty, SessionModel(Tool(frequency=300.0, decay_time=0.02)), values

@@ -19,8 +19,8 @@ from stepblocks.rig.forward import (
     build_extended_state,
     build_nominal_state,
     compute_responses,
-    format_height_name,
     list_constants,
+    name_height_error,
     parse_tip_radius_um,
 )
 from stepblocks.rig.state import CHANNELS, compute_channels
@@ -97,11 +97,9 @@ def test_a_fit_begins_at_the_tool_and_keeps_every_step_a_step(design):
     assert found["friction"].start == PAPER.friction
     for p in found.values():
         assert p.low < p.start < p.high
-    lowest = found[format_height_name("step-020")]
+    lowest = found[name_height_error("step-020")]
     # origin: a height error of 12 standard deviations, but no more than four fifths of the step
-    assert (lowest.low, found[format_height_name("step-070")].high) == pytest.approx(
-        (-12e-6, 12e-6)
-    )
+    assert (lowest.low, found[name_height_error("step-070")].high) == pytest.approx((-12e-6, 12e-6))
     thin = build_bench_design(
         np.array(["a"]),
         {k: v[:1] for k, v in (_COLUMNS | {"height_um": np.array([5.0])}).items()},
@@ -112,7 +110,7 @@ def test_a_fit_begins_at_the_tool_and_keeps_every_step_a_step(design):
 
 
 def test_a_height_error_moves_the_trials_of_its_block_alone(design):
-    moved = build_nominal_state(design, _VALUES | {format_height_name("step-050"): 2e-6}).height
+    moved = build_nominal_state(design, _VALUES | {name_height_error("step-050"): 2e-6}).height
     assert moved - design.height == pytest.approx([0.0, 2e-6, 0.0, 2e-6])
 
 
@@ -280,9 +278,9 @@ def test_scanned_heights_become_tight_priors(design):
     found = {
         one.name: one for one in list_constants(design, scanned={"step-050": (50.6e-6, 15e-9)})
     }
-    assert found[format_height_name("step-050")].start == pytest.approx(0.6e-6)
-    assert found[format_height_name("step-050")].prior_std == pytest.approx(100e-9)
-    assert found[format_height_name("step-020")].prior_std == pytest.approx(1e-6)
+    assert found[name_height_error("step-050")].start == pytest.approx(0.6e-6)
+    assert found[name_height_error("step-050")].prior_std == pytest.approx(100e-9)
+    assert found[name_height_error("step-020")].prior_std == pytest.approx(1e-6)
 
 
 def test_a_bent_gauge_shows_the_ramp_as_steep_as_the_chord_of_its_curve(design):

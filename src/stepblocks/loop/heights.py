@@ -14,7 +14,7 @@ from stepblocks.lawsearch.problem import Fit, Problem
 from stepblocks.loop.bench_model import SessionModel
 from stepblocks.loop.session_table import SessionTable
 from stepblocks.rig.effects.named import list_named_laws
-from stepblocks.rig.forward import format_height_name
+from stepblocks.rig.forward import name_height_error
 
 _TOLERANCE = 2.0  # standard deviations that a height which nobody measured may be off by
 _WIDE = 1.96  # standard uncertainties beyond its tolerance from which a height is named
@@ -47,7 +47,7 @@ def add_height_findings(explanation: Explanation, table: SessionTable) -> Explan
     start = dict(fitted.values)
     for law, block in zip(laws, beyond, strict=True):
         name = f"{law.id}.height_error_m"
-        start[name] = fitted.values.get(name, 0.0) + fitted.values[format_height_name(block)]
+        start[name] = fitted.values.get(name, 0.0) + fitted.values[name_height_error(block)]
     named = fitted.effect_ids
     new_laws, p_values = [], []
     for law, p_value in zip(laws, beyond.values(), strict=True):
@@ -83,7 +83,7 @@ def _find_blocks_beyond_tolerance(fitted: Fit, table: SessionTable) -> dict[str,
     for block in np.unique(table.trials.block).tolist():
         if block in scanned:
             continue
-        name = format_height_name(block)
+        name = name_height_error(block)
         excess = abs(fitted.values.get(name, 0.0)) - tolerance
         if f"block_height_error~{block}" in named or excess > _WIDE * fitted.std[name]:
             found[block] = float(stats.norm.sf(excess / fitted.std[name]))

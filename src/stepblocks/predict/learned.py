@@ -26,8 +26,8 @@ from stepblocks.rig.forward import (
     build_bench_design,
     build_extended_state,
     compute_responses,
-    format_height_name,
     list_covariate_columns,
+    name_height_error,
     parse_tip_radius_um,
 )
 from stepblocks.rig.state import CHANNELS, DragState, Floats, compute_channels
@@ -231,7 +231,7 @@ def _predict_channels(
         variance += unseen
     known_blocks = []
     for block in learned.blocks:
-        if format_height_name(block) in fitted.values:
+        if name_height_error(block) in fitted.values:
             known_blocks.append(block)
     is_unknown = ~np.isin(design.block, known_blocks)
     if np.any(is_unknown):

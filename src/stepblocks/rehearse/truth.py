@@ -17,7 +17,7 @@ from stepblocks.rig.effects.named import list_named_laws
 from stepblocks.rig.forward import (
     BenchDesign,
     build_nominal_state,
-    format_height_name,
+    name_height_error,
     select_covariate,
 )
 from stepblocks.rig.state import DragState, compute_channels
@@ -69,7 +69,7 @@ def compute_planted_state(
         **row,
         "peak_force_n": float(bare.compute_peak_force()[0]),
     }
-    values[format_height_name(row["block"])] = heights[nominal] - nominal
+    values[name_height_error(row["block"])] = heights[nominal] - nominal
     state = build_nominal_state(design, values)
     for effect in plan.effects:
         if effect.law:

@@ -16,7 +16,7 @@ from stepblocks.contact.laws import FrictionLaw, build_laws
 from stepblocks.contact.operating_point import PAPER, Tool
 from stepblocks.errors import ContactError, PipelineError
 from stepblocks.lawsearch.law import Active, Law, Parameter
-from stepblocks.rig.state import DragState, Floats, compute_channels, press_edge
+from stepblocks.rig.state import DragState, Floats, compute_channels, indent_edge
 
 TOGETHER = " * "  # between the names of two covariates that act together
 PEAK_FORCE = "peak_force_n"  # a quantity of the model that an effect may follow like a column
@@ -62,7 +62,7 @@ class BenchDesign:
     def block_membership(self) -> tuple[tuple[str, ...], NDArray[np.intp]]:
         """Names of the blocks' height errors, and which of them each trial has."""
         blocks, inverse = np.unique(self.block, return_inverse=True)
-        names = tuple(map(format_height_name, blocks.tolist()))
+        names = tuple(map(name_height_error, blocks.tolist()))
         return names, inverse
 
     @cached_property
@@ -134,7 +134,7 @@ def read_tip_radii(tips: Iterable[str], declared_um: float, place: str = "") -> 
     return radii
 
 
-def format_height_name(block: str) -> str:
+def name_height_error(block: str) -> str:
     """Name of the height error of a block."""
     return f"height_error[{block}]"
 
@@ -185,7 +185,7 @@ def list_constants(
 def _make_height_constant(block: str, start: float, reach: float, spread: float) -> Parameter:
     """Make the height error of a block: where it begins, how far it may go, its spread [m]."""
     return Parameter(
-        format_height_name(block),
+        name_height_error(block),
         "m",
         start,
         low=start - reach,
@@ -246,7 +246,7 @@ def build_nominal_state(design: BenchDesign, values: Mapping[str, float | Floats
     if design.indentation is None:
         return state
     depth, power = design.indentation
-    return press_edge(state, depth, power)
+    return indent_edge(state, depth, power)
 
 
 def build_extended_state(

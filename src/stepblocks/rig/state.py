@@ -143,7 +143,7 @@ class DragState:
         return copy
 
 
-def press_edge(state: DragState, depth: float | Floats, power: float | Floats) -> DragState:
+def indent_edge(state: DragState, depth: float | Floats, power: float | Floats) -> DragState:
     """Let the edge press its way into the ball, or the block into what holds it.
 
     `depth` is that at 1 N [m], and follows the force across the edge with a power.

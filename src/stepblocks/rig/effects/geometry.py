@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 
 from stepblocks.lawsearch.law import Law, Parameter
-from stepblocks.rig.state import DragState, Floats, Labels, press_edge
+from stepblocks.rig.state import DragState, Floats, Labels, indent_edge
 
 _geometry = partial(Law, slot="contact_geometry")
 
@@ -49,7 +49,7 @@ def _indent_contact(
     power: float, state: DragState, _: object, values: Mapping[str, float]
 ) -> DragState:
     """Let the contact give way by a power of the load."""
-    return press_edge(state, values["depth_at_1n_m"], power)
+    return indent_edge(state, values["depth_at_1n_m"], power)
 
 
 def _change_block_height(

@@ -66,7 +66,7 @@ def _load_laws(path: Path, changed_ns: int) -> tuple[Law, ...]:
 
 
 @cache
-def entry_points(group: str) -> metadata.EntryPoints:
+def find_entry_points(group: str) -> metadata.EntryPoints:
     """Find the entry points of a group, once: a file of every installed package is read."""
     return metadata.entry_points(group=group)
 
@@ -74,7 +74,7 @@ def entry_points(group: str) -> metadata.EntryPoints:
 def list_offered_laws() -> list[Law]:
     """Return entry points of the group ``stepblocks.effects``, then what `offer_laws` was given."""
     offered: list[Law] = []
-    for entry in entry_points(group="stepblocks.effects"):
+    for entry in find_entry_points(group="stepblocks.effects"):
         law = entry.load()
         if not isinstance(law, Law):
             raise ContactError(f"entry points of stepblocks.effects must be a Law, got {law!r:.60}")

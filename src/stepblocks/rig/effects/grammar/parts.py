@@ -36,7 +36,7 @@ def read_numbers(column: NDArray[np.generic]) -> Floats:
     return np.asarray(column, dtype=np.float64)
 
 
-def follow_columns(basis: Callable[[NDArray[np.generic]], Floats], names: Names) -> Size:
+def make_column_size(basis: Callable[[NDArray[np.generic]], Floats], names: Names) -> Size:
     """Size of a change that is a sum of columns, each by its amplitude.
 
     A fit asks for the same column hundreds of times; the reference that is kept makes its identity
@@ -54,7 +54,7 @@ def follow_columns(basis: Callable[[NDArray[np.generic]], Floats], names: Names)
     return follow
 
 
-def has_places(covariate: CovariateRange) -> bool:
+def can_locate_change(covariate: CovariateRange) -> bool:
     """Tell whether a covariate takes enough numbers to show where something changes."""
     return covariate.is_number and covariate.distinct > 2 * STEP_SHAPES
 

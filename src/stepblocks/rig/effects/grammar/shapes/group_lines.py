@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from stepblocks.lawsearch.law import Law, SizedChange
 from stepblocks.rig.effects.grammar.covariates import CovariateRange
-from stepblocks.rig.effects.grammar.parts import follow_columns, make_amplitudes, name_covariate
+from stepblocks.rig.effects.grammar.parts import make_amplitudes, make_column_size, name_covariate
 from stepblocks.rig.effects.grammar.slots import MAIN_SLOTS, SLOT_MOVES
 
 
@@ -35,7 +35,7 @@ def _make_group_lines(slot: str, covariate: CovariateRange) -> Law:
     slopes = [f"slope[{label}]" for label in groups.labels]
     levels = [f"level[{label}]" for label in groups.labels[1:]]
     names = (*slopes, *levels)
-    lines = follow_columns(covariate.build_group_lines, names)
+    lines = make_column_size(covariate.build_group_lines, names)
     change = SizedChange(move.change, lines)
     description = (
         f"{move.words} follows the {name_covariate(number)} along {curve} for each "

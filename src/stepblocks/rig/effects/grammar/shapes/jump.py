@@ -12,7 +12,7 @@ from stepblocks.rig.effects.grammar.parts import (
     STEP_SHAPES,
     Names,
     Size,
-    has_places,
+    can_locate_change,
     read_numbers,
     take_values,
 )
@@ -29,7 +29,7 @@ _LEVELS = ("second", "third", "fourth", "fifth")
 
 def list_jumps(slot: str, covariate: CovariateRange) -> list[Law]:
     """List the jump of a slot over a covariate, and along the run also several levels."""
-    if not has_places(covariate):
+    if not can_locate_change(covariate):
         return []
     is_run = covariate.name == RUN
     if slot == "radius" and is_run:
@@ -75,7 +75,7 @@ def make_step_place(covariate: CovariateRange) -> Parameter:
     return Parameter(name, "1", middle, covariate.low, covariate.high, 0.02 * reach)
 
 
-def list_step_shapes(
+def list_start_places(
     covariate: CovariateRange, places: Names, shares: NDArray[np.float64]
 ) -> tuple[dict[str, float], ...]:
     """List where a search looks for the places, by shares of the range, shape (n, places)."""
@@ -108,7 +108,7 @@ def _make_jump(slot: str, covariate: CovariateRange) -> Law:
         change,
         move.slot,
         covariate.name,
-        list_step_shapes(covariate, (place.name,), shares),
+        list_start_places(covariate, (place.name,), shares),
         named=slot in JUMPING_SLOTS,
         rank=15,
         description=description,
@@ -131,7 +131,7 @@ def _make_chip(covariate: CovariateRange) -> Law:
         change,
         SLOT_MOVES["radius"].slot,
         covariate.name,
-        list_step_shapes(covariate, (place.name,), shares),
+        list_start_places(covariate, (place.name,), shares),
         rank=2,
         description="the tip chipped: its radius changed by {}, at {}",
         steps=(place.name,),
@@ -166,7 +166,7 @@ def _make_levels(slot: str, covariate: CovariateRange, levels: int) -> Law:
         change,
         move.slot,
         covariate.name,
-        list_step_shapes(covariate, tuple(places), shares),
+        list_start_places(covariate, tuple(places), shares),
         rank=15,
         description=description,
         steps=tuple(places),

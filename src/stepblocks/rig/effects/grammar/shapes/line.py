@@ -5,9 +5,9 @@ from dataclasses import replace
 from stepblocks.lawsearch.law import Law, SizedChange
 from stepblocks.rig.effects.grammar.covariates import RUN, CovariateRange
 from stepblocks.rig.effects.grammar.parts import (
-    follow_columns,
     is_nearly_binary,
     make_amplitude,
+    make_column_size,
     name_covariate,
 )
 from stepblocks.rig.effects.grammar.slots import JUMPING_SLOTS, MAIN_SLOTS, SLOT_MOVES
@@ -37,7 +37,7 @@ def _make_line(slot: str, covariate: CovariateRange) -> Law:
     if covariate.log:
         followed = f"ln {covariate.name}"
     slope = make_amplitude("slope")
-    change = SizedChange(move.change, follow_columns(covariate.build_line, (slope.name,)))
+    change = SizedChange(move.change, make_column_size(covariate.build_line, (slope.name,)))
     shape = ""
     description = ""
     if is_drift:

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from stepblocks.lawsearch.law import Law, Parameter, SizedChange
 from stepblocks.rig.effects.grammar.covariates import RUN, CovariateRange
-from stepblocks.rig.effects.grammar.parts import follow_columns, name_covariate, read_numbers
+from stepblocks.rig.effects.grammar.parts import make_column_size, name_covariate, read_numbers
 from stepblocks.rig.effects.grammar.slots import MAIN_SLOTS, SLOT_MOVES
 from stepblocks.rig.state import Floats
 
@@ -37,7 +37,7 @@ def _make_power(slot: str, covariate: CovariateRange) -> Law:
         return logarithm[:, None]
 
     exponent = Parameter("exponent", "1", 0.0, -3.0, 3.0, 0.05)
-    change = SizedChange(move.change, follow_columns(take_logarithm, (exponent.name,)))
+    change = SizedChange(move.change, make_column_size(take_logarithm, (exponent.name,)))
     description = f"{move.words} follows a power of the {name_covariate(covariate)}: exponent"
     return Law(
         f"trend_{slot}_{covariate.name}~power",

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from stepblocks.lawsearch.law import Law, Parameter, SizedChange
 from stepblocks.rig.effects.grammar.covariates import RUN, CovariateRange
-from stepblocks.rig.effects.grammar.parts import has_places
-from stepblocks.rig.effects.grammar.shapes.jump import list_step_shapes, make_step_size
+from stepblocks.rig.effects.grammar.parts import can_locate_change
+from stepblocks.rig.effects.grammar.shapes.jump import list_start_places, make_step_size
 from stepblocks.rig.effects.grammar.slots import JUMPING_SLOTS, MAIN_SLOTS, SLOT_MOVES
 from stepblocks.rig.state import Floats
 
@@ -21,12 +21,12 @@ def list_pulses(slot: str, covariate: CovariateRange) -> list[Law]:
     """List the pulse of a slot along the run."""
     if covariate.name != RUN or slot not in MAIN_SLOTS:
         return []
-    if not has_places(covariate):
+    if not can_locate_change(covariate):
         return []
     return [_make_pulse(slot, covariate)]
 
 
-def _make_end(name: str, covariate: CovariateRange, share: float) -> Parameter:
+def _make_pulse_end(name: str, covariate: CovariateRange, share: float) -> Parameter:
     """Make an end of a stretch anywhere along the run; a fit begins at a share of the run."""
     reach = covariate.high - covariate.low
     start = covariate.low + share * reach
@@ -42,8 +42,8 @@ def _make_pulse(slot: str, covariate: CovariateRange) -> Law:
         return rise(column, {**values, "back": 0.0})
 
     size = Parameter("step", "1", 0.0, -3.0, 3.0, 0.1)
-    begin = _make_end(_FROM, covariate, 0.4)
-    end = _make_end(_UNTIL, covariate, 0.6)
+    begin = _make_pulse_end(_FROM, covariate, 0.4)
+    end = _make_pulse_end(_UNTIL, covariate, 0.6)
     places = np.arange(0.5, _PLACES) / _PLACES
     stretches = np.array(list(combinations(places.tolist(), 2)))
     change = SizedChange(move.change, pulse)
@@ -55,7 +55,7 @@ def _make_pulse(slot: str, covariate: CovariateRange) -> Law:
         change,
         move.slot,
         covariate.name,
-        list_step_shapes(covariate, (_FROM, _UNTIL), stretches),
+        list_start_places(covariate, (_FROM, _UNTIL), stretches),
         named=slot in JUMPING_SLOTS,
         rank=15,
         description=description,

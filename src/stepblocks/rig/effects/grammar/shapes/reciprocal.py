@@ -6,8 +6,8 @@ from numpy.typing import NDArray
 from stepblocks.lawsearch.law import Law, SizedChange
 from stepblocks.rig.effects.grammar.covariates import CovariateRange
 from stepblocks.rig.effects.grammar.parts import (
-    follow_columns,
     make_amplitude,
+    make_column_size,
     name_covariate,
     read_numbers,
 )
@@ -38,7 +38,7 @@ def _make_reciprocal(slot: str, covariate: CovariateRange) -> Law:
         excess = middle / inside - 1.0
         return excess[:, None]
 
-    change = SizedChange(move.change, follow_columns(invert, ("share",)))
+    change = SizedChange(move.change, make_column_size(invert, ("share",)))
     description = (
         f"{move.words} has a part that falls with the {name_covariate(covariate)} as "
         "its reciprocal: share"

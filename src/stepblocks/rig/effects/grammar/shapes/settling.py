@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from stepblocks.lawsearch.law import Law, Parameter, SizedChange
 from stepblocks.rig.effects.grammar.covariates import RUN, CovariateRange
-from stepblocks.rig.effects.grammar.parts import has_places, make_amplitude, read_numbers
+from stepblocks.rig.effects.grammar.parts import can_locate_change, make_amplitude, read_numbers
 from stepblocks.rig.effects.grammar.slots import MAIN_SLOTS, SLOT_MOVES
 from stepblocks.rig.state import Floats
 
@@ -19,7 +19,7 @@ def list_settlings(slot: str, covariate: CovariateRange) -> list[Law]:
     """List the settling of a slot along the run; that of friction has a name of its own."""
     if covariate.name != RUN or slot not in MAIN_SLOTS or slot == "friction":
         return []
-    if not has_places(covariate):
+    if not can_locate_change(covariate):
         return []
     return [_make_settling(slot, covariate)]
 

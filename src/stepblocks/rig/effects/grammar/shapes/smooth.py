@@ -2,7 +2,7 @@
 
 from stepblocks.lawsearch.law import Law, SizedChange
 from stepblocks.rig.effects.grammar.covariates import CovariateRange
-from stepblocks.rig.effects.grammar.parts import follow_columns, make_amplitudes
+from stepblocks.rig.effects.grammar.parts import make_amplitudes, make_column_size
 from stepblocks.rig.effects.grammar.slots import JUMPING_SLOTS, SLOT_MOVES
 
 
@@ -20,7 +20,7 @@ def _make_levels(slot: str, covariate: CovariateRange) -> Law:
     move = SLOT_MOVES[slot]
     reference, *further = covariate.labels
     names = tuple(f"g[{label}]" for label in further)
-    change = SizedChange(move.change, follow_columns(covariate.build_basis, names))
+    change = SizedChange(move.change, make_column_size(covariate.build_basis, names))
     description = (
         f"{move.words} has a level for each {covariate.name}, by ln above that of {reference}:"
     )
@@ -42,7 +42,7 @@ def _make_smooth(slot: str, covariate: CovariateRange) -> Law:
     """Let a slot follow a covariate along a smooth; of blocks, have any level on each."""
     move = SLOT_MOVES[slot]
     names = tuple(f"g{number}" for number in range(1, covariate.smooth_column_count + 1))
-    change = SizedChange(move.change, follow_columns(covariate.build_basis, names))
+    change = SizedChange(move.change, make_column_size(covariate.build_basis, names))
     return Law(
         f"smooth_{slot}_{covariate.name}",
         f"{move.form}, g smooth over {covariate.name}",

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from stepblocks.lawsearch.law import Law, Parameter, SizedChange
 from stepblocks.rig.effects.grammar.covariates import RUN, CovariateRange
-from stepblocks.rig.effects.grammar.parts import has_places, read_numbers
+from stepblocks.rig.effects.grammar.parts import can_locate_change, read_numbers
 from stepblocks.rig.effects.grammar.slots import JUMPING_SLOTS, SLOT_MOVES
 from stepblocks.rig.state import Floats
 
@@ -20,7 +20,7 @@ _MOST_TURNS_BESIDE = 40  # of slots that do not scatter from trial to trial
 
 def list_swings(slot: str, covariate: CovariateRange) -> list[Law]:
     """List the swing of a slot along the run."""
-    if covariate.name != RUN or slot not in _SWINGING or not has_places(covariate):
+    if covariate.name != RUN or slot not in _SWINGING or not can_locate_change(covariate):
         return []
     return [_make_swing(slot, covariate)]
 

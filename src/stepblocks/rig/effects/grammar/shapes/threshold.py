@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from stepblocks.lawsearch.law import Law, Parameter, SizedChange
 from stepblocks.rig.effects.grammar.covariates import RUN, CovariateRange
 from stepblocks.rig.effects.grammar.parts import (
-    has_places,
+    can_locate_change,
     is_nearly_binary,
     make_amplitude,
     name_covariate,
@@ -23,7 +23,7 @@ _EDGE = 0.1  # share of the range at either end where no threshold can be seen
 
 def list_thresholds(slot: str, covariate: CovariateRange) -> list[Law]:
     """List a slot that changes above a place of a covariate, and one that changes up to it."""
-    if slot not in MAIN_SLOTS or not has_places(covariate) or is_nearly_binary(covariate):
+    if slot not in MAIN_SLOTS or not can_locate_change(covariate) or is_nearly_binary(covariate):
         return []
     return [_make_threshold(slot, covariate), _make_saturation(slot, covariate)]
 
@@ -37,7 +37,7 @@ def _make_place(covariate: CovariateRange) -> Parameter:
     return Parameter("at", "1", middle, lowest, highest, 0.05 * reach)
 
 
-def _list_shapes(covariate: CovariateRange) -> tuple[dict[str, float], ...]:
+def _list_start_places(covariate: CovariateRange) -> tuple[dict[str, float], ...]:
     """List the places at which a search begins."""
     reach = covariate.high - covariate.low
     return tuple({"at": covariate.low + share * reach} for share in _SHARES)
@@ -58,7 +58,7 @@ def _make_threshold(slot: str, covariate: CovariateRange) -> Law:
     change = SizedChange(move.change, rise)
     description = (
         f"{move.words} changes by {{}} up to the end of the range, "
-        f"{_say_from_where(covariate)} {{}} on"
+        f"{_describe_threshold(covariate)} {{}} on"
     )
     return Law(
         f"trend_{slot}_{covariate.name}~threshold",
@@ -67,7 +67,7 @@ def _make_threshold(slot: str, covariate: CovariateRange) -> Law:
         change,
         move.slot,
         covariate.name,
-        _list_shapes(covariate),
+        _list_start_places(covariate),
         named=False,
         rank=14,
         description=description,
@@ -89,7 +89,7 @@ def _make_saturation(slot: str, covariate: CovariateRange) -> Law:
 
     change = SizedChange(move.change, rise)
     description = (
-        f"{move.words} changes by {{}} until it stays, {_say_from_where(covariate)} {{}} on"
+        f"{move.words} changes by {{}} until it stays, {_describe_threshold(covariate)} {{}} on"
     )
     return Law(
         f"trend_{slot}_{covariate.name}~saturation",
@@ -98,7 +98,7 @@ def _make_saturation(slot: str, covariate: CovariateRange) -> Law:
         change,
         move.slot,
         covariate.name,
-        _list_shapes(covariate),
+        _list_start_places(covariate),
         named=False,
         rank=14,
         description=description,
@@ -106,7 +106,7 @@ def _make_saturation(slot: str, covariate: CovariateRange) -> Law:
     )
 
 
-def _say_from_where(covariate: CovariateRange) -> str:
+def _describe_threshold(covariate: CovariateRange) -> str:
     """Say in words what a place is a place of."""
     if covariate.name == RUN:
         return "from trial"
