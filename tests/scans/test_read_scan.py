@@ -32,7 +32,7 @@ from oracles.scan_files import (
 )
 from stepblocks.errors import MetrologyError
 from stepblocks.scans.height_scale import check_against_stated_scale, read_height_scale
-from stepblocks.scans.read import FORMATS, read_scan, read_scan_confined
+from stepblocks.scans.read import FORMATS, read_scan, read_scan_in_worker
 from stepblocks.scans.scan import HeightMap, ScannedProfile
 
 SHARED = Path(os.environ.get("STEPBLOCKS_SHARED", Path(__file__).parents[2] / ".." / "shared"))
@@ -44,7 +44,7 @@ def test_every_format_gives_back_the_heights_and_steps_that_were_written(name, t
     path = tmp_path / name
     WRITERS[name](path)
     # the confined process itself is exercised below; here only what it runs
-    content = read_scan_confined(path)
+    content = read_scan_in_worker(path)
     height = np.asarray(content["height"])
     assert height.dtype == np.float64
     np.testing.assert_allclose(np.abs(np.diff(height, axis=1)), 7 * COUNT, rtol=2e-6)

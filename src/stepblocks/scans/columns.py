@@ -88,7 +88,7 @@ def _choose_by_clear_names(table: NumberTable, candidates: list[int]) -> Columns
     """
     if not table.names:
         return None
-    names = _take_lower_names(table, candidates)
+    names = _list_lower_names(table, candidates)
     heights = _find_beginning_with(names, _Z_NAMES)
     along = _find_beginning_with(names, _X_NAMES)
     across = _find_beginning_with(names, _Y_NAMES)
@@ -100,13 +100,13 @@ def _choose_by_clear_names(table: NumberTable, candidates: list[int]) -> Columns
     if len(heights) != 1 or len(along) > 1 or len(across) > 1:
         return None
     if along and across:
-        return _drop_constant(table, Columns(along[0], heights[0], across[0]))
+        return _drop_constant_position(table, Columns(along[0], heights[0], across[0]))
     if along or across:
         return Columns((along or across)[0], heights[0])
     return None
 
 
-def _drop_constant(table: NumberTable, columns: Columns) -> Columns:
+def _drop_constant_position(table: NumberTable, columns: Columns) -> Columns:
     """Take a map for a profile where one of its positions is the same in all points."""
     if columns.y is None:
         return columns
@@ -120,7 +120,7 @@ def _drop_constant(table: NumberTable, columns: Columns) -> Columns:
     return columns
 
 
-def _take_lower_names(table: NumberTable, columns: list[int]) -> dict[int, str]:
+def _list_lower_names(table: NumberTable, columns: list[int]) -> dict[int, str]:
     """Return the names of columns in lower case, by the places of the columns."""
     return {column: table.names[column].lower() for column in columns}
 
@@ -129,7 +129,7 @@ def _choose_by_names(table: NumberTable, candidates: list[int], channel: str | N
     """Choose columns by what instruments call them, heights by the channel where one is named."""
     names = {}
     if table.names:
-        names = _take_lower_names(table, candidates)
+        names = _list_lower_names(table, candidates)
     if channel is None:
         heights = _find_beginning_with(names, _Z_NAMES)
     else:
@@ -190,7 +190,7 @@ def _holds_positions(table: NumberTable, column: int) -> bool:
     return len(np.unique(values)) > _MOST_REPEATED * len(values)
 
 
-def find_unit(
+def find_column_unit(
     table: NumberTable, column: int, axis: str, units: dict[str, StoredLength]
 ) -> StoredLength:
     """Find the unit of a column: its name says it, or else the user or the head of the table.

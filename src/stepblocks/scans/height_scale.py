@@ -110,7 +110,7 @@ def _read_archive_scale(
         with zipfile.ZipFile(path) as archive:
             return read(archive)
     except _DAMAGED as error:
-        raise _describe_damage("index", error, path) from error
+        raise _make_damage_error("index", error, path) from error
 
 
 def _read_header_scale(
@@ -120,10 +120,10 @@ def _read_header_scale(
         with path.open("rb") as file:
             return read(file.read(_HEADER_BYTES), channel)
     except _DAMAGED as error:
-        raise _describe_damage("header", error, path) from error
+        raise _make_damage_error("header", error, path) from error
 
 
-def _describe_damage(part: str, error: Exception, path: Path) -> MetrologyError:
+def _make_damage_error(part: str, error: Exception, path: Path) -> MetrologyError:
     reason = getattr(error, "strerror", None) or error
     return MetrologyError(f"{part} must state the height scale, got {reason} [{path.name}]")
 
@@ -309,7 +309,7 @@ def _read_x3p_scale(archive: zipfile.ZipFile) -> HeightScale:
 
     Heights in metres are the stored number times the increment.
     """
-    index = _read_index(archive, "main.xml")
+    index = _parse_xml_member(archive, "main.xml")
     axis = index.find("Record1/Axes/CZ")
     if axis is None:
         raise ValueError("no Record1/Axes/CZ")
@@ -323,7 +323,7 @@ def _read_x3p_scale(archive: zipfile.ZipFile) -> HeightScale:
     grid = index.find("Record3/MatrixDimension")
     # without a link, the points stand in the index as text
     if link is not None and link.text and grid is not None:
-        stored = _read_range(archive, link.text.strip(), number_type)
+        stored = _find_stored_range(archive, link.text.strip(), number_type)
         lowest, highest = sorted(increment * end for end in stored)
         # readers keep or drop the offset of the axis, which a step height does not see
         lowest += min(offset, 0.0)
@@ -334,15 +334,15 @@ def _read_x3p_scale(archive: zipfile.ZipFile) -> HeightScale:
 
 def _read_plux_scale(archive: zipfile.ZipFile) -> HeightScale:
     """Read the index of Sensofar: a layer is float32 in micrometres, of so many points."""
-    index = _read_index(archive, "index.xml")
-    name = _read_text(index, "LAYER_0/FILENAME_Z")
-    columns = int(_read_text(index, "GENERAL/IMAGE_SIZE_X"))
-    rows = int(_read_text(index, "GENERAL/IMAGE_SIZE_Y"))
+    index = _parse_xml_member(archive, "index.xml")
+    name = _get_required_text(index, "LAYER_0/FILENAME_Z")
+    columns = int(_get_required_text(index, "GENERAL/IMAGE_SIZE_X"))
+    rows = int(_get_required_text(index, "GENERAL/IMAGE_SIZE_Y"))
     points = columns * rows
     size = archive.getinfo(name).file_size
     if size != 4 * points:
         raise ValueError(f"{size} bytes in {name} for {points} points")
-    lowest, highest = _read_range(archive, name, "<f4")
+    lowest, highest = _find_stored_range(archive, name, "<f4")
     return HeightScale(
         _MICROMETRE,
         lowest * _MICROMETRE,
@@ -352,7 +352,7 @@ def _read_plux_scale(archive: zipfile.ZipFile) -> HeightScale:
     )
 
 
-def _read_index(archive: zipfile.ZipFile, name: str) -> ElementTree.Element:
+def _parse_xml_member(archive: zipfile.ZipFile, name: str) -> ElementTree.Element:
     """Parse an XML file of an archive; refuse a large one and one with a document type."""
     if archive.getinfo(name).file_size > _MOST_INDEX_BYTES:
         raise ValueError(f"{name} of more than {_MOST_INDEX_BYTES >> 20} MiB")
@@ -363,14 +363,16 @@ def _read_index(archive: zipfile.ZipFile, name: str) -> ElementTree.Element:
     return ElementTree.fromstring(text)
 
 
-def _read_text(index: ElementTree.Element, path: str) -> str:
+def _get_required_text(index: ElementTree.Element, path: str) -> str:
     text = index.findtext(path)
     if text is None:
         raise ValueError(f"no {path}")
     return text.strip()
 
 
-def _read_range(archive: zipfile.ZipFile, name: str, number_type: str) -> tuple[float, float]:
+def _find_stored_range(
+    archive: zipfile.ZipFile, name: str, number_type: str
+) -> tuple[float, float]:
     """Find the least and the largest stored number, chunk by chunk: a member may be large."""
     lowest = np.inf
     highest = -np.inf

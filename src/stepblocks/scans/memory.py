@@ -64,7 +64,7 @@ def convert_scan(
     table: Any = scan
     if hasattr(table, "dims") and hasattr(table, "coords"):  # of xarray
         _refuse_options("an array, which has none", None, channel)
-        return _take_labelled_array(table, unit)
+        return _convert_labelled_array(table, unit)
     if hasattr(table, "to_pandas"):  # of polars or Arrow
         table = table.to_pandas()
     # tables and series are told by what they have: pandas is not loaded to find out
@@ -73,7 +73,7 @@ def convert_scan(
     _refuse_options("arrays, which have none", None, channel)
     if hasattr(table, "to_csv"):
         return _make_profile(table.index, table, unit)
-    return _take_pair(table, unit)
+    return _convert_pair(table, unit)
 
 
 def _refuse_options(what: str, unit: str | None, channel: str | None) -> None:
@@ -83,7 +83,7 @@ def _refuse_options(what: str, unit: str | None, channel: str | None) -> None:
             raise MetrologyError(f"{name} must not be given for {what}, got {value!r}")
 
 
-def _take_pair(arrays: Any, unit: str | None) -> ScannedProfile:
+def _convert_pair(arrays: Any, unit: str | None) -> ScannedProfile:
     """Make a profile of two rows, positions and heights."""
     if _count_rows(arrays) != 2:
         raise MetrologyError(
@@ -104,9 +104,9 @@ def _count_rows(arrays: Any) -> int:
 def _make_profile(x: Any, z: Any, unit: str | None) -> ScannedProfile:
     """Make a profile of positions and heights, each with the unit that it carries or is given."""
     units = parse_units(unit)
-    position = _take_lengths(x, "x", units)
+    position = _convert_lengths(x, "x", units)
     fills: list[str] = []
-    height = _take_lengths(z, "z", units, fills)
+    height = _convert_lengths(z, "z", units, fills)
     return ScannedProfile(position, height, _SOURCE, _describe_unit(unit, fills))
 
 
@@ -118,7 +118,7 @@ def _describe_unit(unit: str | None, fills: Sequence[str]) -> str:
     return "; ".join(notes)
 
 
-def _take_lengths(
+def _convert_lengths(
     values: Any, axis: str, units: dict[str, StoredLength], fills: list[str] | None = None
 ) -> Array:
     """Return lengths [m], nan where a value is masked or missing.
@@ -130,10 +130,10 @@ def _take_lengths(
             raise MetrologyError(
                 f"unit must not be given for {axis}, which carries its own, got {values.units!s}"
             )
-        return _take_numbers(_convert_quantity(values, axis), axis)
+        return _convert_numbers(_convert_quantity(values, axis), axis)
     if units and axis not in units:
         raise MetrologyError(f"unit must say that of {axis}, too, as x=mm,z=um, got none")
-    numbers = _take_numbers(values, axis)
+    numbers = _convert_numbers(values, axis)
     if fills is not None:
         found = blank_fill_values(numbers)
         numbers = found.values
@@ -154,7 +154,7 @@ def _convert_quantity(values: Any, axis: str) -> Any:
         ) from error
 
 
-def _take_numbers(values: Any, axis: str) -> Array:
+def _convert_numbers(values: Any, axis: str) -> Array:
     """Return numbers as float64, nan where one is masked or missing."""
     # truth values, complex numbers, times
     if getattr(getattr(values, "dtype", None), "kind", None) in ("b", "c", "m", "M"):
@@ -176,7 +176,7 @@ def _describe_arrays(arrays: Any) -> str:
     return shorten_value(arrays)
 
 
-def _take_labelled_array(array: Any, unit: str | None) -> ScannedProfile | HeightMap:
+def _convert_labelled_array(array: Any, unit: str | None) -> ScannedProfile | HeightMap:
     """Make a profile or a map of an array of xarray, by its coordinates and their units.
 
     The unit of heights and coordinates stands in their attribute ``units``; a map has its rows
@@ -189,30 +189,30 @@ def _take_labelled_array(array: Any, unit: str | None) -> ScannedProfile | Heigh
         )
     units = parse_units(unit)
     fills: list[str] = []
-    height = _take_labelled_lengths(array, "z", units, fills)
-    along_x = _take_labelled_lengths(array.coords[array.dims[-1]], "x", units)
+    height = _convert_labelled_lengths(array, "z", units, fills)
+    along_x = _convert_labelled_lengths(array.coords[array.dims[-1]], "x", units)
     scale = _describe_unit(unit, fills)
     if len(array.dims) == 1:
         return ScannedProfile(along_x, height, _SOURCE, scale)
-    along_y = _take_labelled_lengths(array.coords[array.dims[0]], "y", units)
+    along_y = _convert_labelled_lengths(array.coords[array.dims[0]], "y", units)
     dx = _find_step(along_x, str(array.dims[-1]))
     dy = _find_step(along_y, str(array.dims[0]))
     return HeightMap(height[:: _find_sign(dy), :: _find_sign(dx)], abs(dx), abs(dy), _SOURCE, scale)
 
 
-def _take_labelled_lengths(
+def _convert_labelled_lengths(
     array: Any, axis: str, units: dict[str, StoredLength], fills: list[str] | None = None
 ) -> Array:
     """Return the values of an array of xarray [m], by its attribute ``units`` where it has one."""
     stated = array.attrs.get("units")
     values = array.data
     if stated is None:
-        return _take_lengths(values, axis, units, fills)
+        return _convert_lengths(values, axis, units, fills)
     if axis in units:
         raise MetrologyError(
             f"unit must not be given for {array.name}, which states its own, got {stated!r}"
         )
-    return _take_lengths(values, axis, parse_units(f"{axis}={stated}"), fills)
+    return _convert_lengths(values, axis, parse_units(f"{axis}={stated}"), fills)
 
 
 def _find_step(positions: Array, name: str) -> float:

@@ -62,7 +62,7 @@ def read_pcd(path: Path) -> Array:
     if header.form == "ascii":
         rows = _read_text_rows(content[header.end :], header, path.name)
     elif header.form == "binary":
-        rows = _take_binary_rows(content[header.end :], header, path.name)
+        rows = _read_binary_rows(content[header.end :], header, path.name)
     else:
         rows = _unpack_rows(content[header.end :], header, path.name)
     points = np.stack([rows[axis].astype(np.float64) for axis in _AXES], axis=1)
@@ -178,7 +178,7 @@ def _read_text_rows(content: bytes, header: _Header, name: str) -> dict[str, Arr
     return {axis: np.array(values) for axis, values in positions.items()}
 
 
-def _take_binary_rows(content: bytes, header: _Header, name: str) -> dict[str, Array]:
+def _read_binary_rows(content: bytes, header: _Header, name: str) -> dict[str, Array]:
     """Take rows of binary, one point after the other."""
     wanted = header.points * header.record.itemsize
     if len(content) != wanted:

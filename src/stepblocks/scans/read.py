@@ -106,13 +106,13 @@ def read_scan(
             f"unit must not be given for a {path.suffix.lower()} file, which says its own "
             f"[{path.name}]"
         )
-    found = _read_in_confinement(path, unit, channel)
+    found = _read_in_worker(path, unit, channel)
     return _check_scale(found, reader, path)
 
 
-def _read_in_confinement(path: Path, unit: str | None, channel: str | None) -> LoadedScan:
+def _read_in_worker(path: Path, unit: str | None, channel: str | None) -> LoadedScan:
     content = read_confined(
-        f"{__name__}:read_scan_confined", path, unit or "", channel or "", raises=MetrologyError
+        f"{__name__}:read_scan_in_worker", path, unit or "", channel or "", raises=MetrologyError
     )
     name = content.pop("channel")
     if "position" in content:
@@ -120,7 +120,7 @@ def _read_in_confinement(path: Path, unit: str | None, channel: str | None) -> L
     return LoadedScan(HeightMap(**content), name)
 
 
-def read_scan_confined(path: Path, unit: str = "", channel: str = "") -> dict[str, object]:
+def read_scan_in_worker(path: Path, unit: str = "", channel: str = "") -> dict[str, object]:
     """Read a scan in the confined process; the result has the fields of the scan by name."""
     if zipfile.is_zipfile(path):
         check_archive(path)
@@ -164,11 +164,11 @@ def list_channels(path: str | Path) -> list[str]:
     path = Path(path)
     if not find_reader(path).has_channels:
         return []
-    found = read_confined(f"{__name__}:list_channels_confined", path, raises=MetrologyError)
+    found = read_confined(f"{__name__}:list_channels_in_worker", path, raises=MetrologyError)
     return list(found["channels"])
 
 
-def list_channels_confined(path: Path) -> dict[str, object]:
+def list_channels_in_worker(path: Path) -> dict[str, object]:
     """List the channels of a file in the confined process."""
     if zipfile.is_zipfile(path):
         check_archive(path)

@@ -74,8 +74,8 @@ class ScannedProfile:
             raise MetrologyError(f"positions must be finite and increase along the profile{place}")
         if not np.isfinite(self.height).any():
             raise MetrologyError(f"profile must hold at least one measured height, got none{place}")
-        _check_reach("positions", self.position, place)
-        _check_reach("heights", self.height, place)
+        _refuse_impossible_lengths("positions", self.position, place)
+        _refuse_impossible_lengths("heights", self.height, place)
 
     def __repr__(self) -> str:
         length = float(np.ptp(self.position)) * 1e3
@@ -141,8 +141,8 @@ class HeightMap:
             raise MetrologyError(
                 f"height map must hold at least one measured height, got none{place}"
             )
-        _check_reach("heights", self.height, place)
-        _check_reach("sides", np.array(shape) * (self.dy, self.dx), place)
+        _refuse_impossible_lengths("heights", self.height, place)
+        _refuse_impossible_lengths("sides", np.array(shape) * (self.dy, self.dx), place)
 
     def __repr__(self) -> str:
         rows, columns = self.height.shape
@@ -175,7 +175,7 @@ def _format_place(source: str) -> str:
     return f" [{source}]"
 
 
-def _check_reach(name: str, values: Array, place: str) -> None:
+def _refuse_impossible_lengths(name: str, values: Array, place: str) -> None:
     """Refuse positions or heights [m] that no scanned surface can have."""
     farthest = np.nanmax(np.abs(values))
     if farthest > _FARTHEST:
@@ -213,16 +213,16 @@ def crop_map(scan: ScannedProfile | HeightMap, area: Sequence[float]) -> HeightM
         If the scan is a profile, the area is not four lengths, or too few points lie inside.
     """
     if isinstance(scan, ScannedProfile):
-        raise _describe_wrong_area(area, "profile")
+        raise _make_area_error(area, "profile")
     if len(area) != 4:
-        raise _describe_wrong_area(area, "map")
+        raise _make_area_error(area, "map")
     left, right, front, back = area
     columns = (scan.x >= left) & (scan.x <= right)
     rows = (scan.y >= front) & (scan.y <= back)
     return replace(scan, height=scan.height[np.ix_(rows, columns)])
 
 
-def _describe_wrong_area(area: Sequence[float], kind: str) -> MetrologyError:
+def _make_area_error(area: Sequence[float], kind: str) -> MetrologyError:
     return MetrologyError(
         "area must be four lengths on a map, from and to along x, from and to along y, got "
         f"{len(area)} on a {kind}"

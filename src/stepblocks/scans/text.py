@@ -17,7 +17,7 @@ from stepblocks.files.decode import decode_text
 from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.files.missing import FillFound, blank_fill_values
 from stepblocks.files.tables import Table
-from stepblocks.scans.columns import Columns, choose_columns, find_unit
+from stepblocks.scans.columns import Columns, choose_columns, find_column_unit
 from stepblocks.scans.points import grid_points
 from stepblocks.scans.scan import Array, HeightMap, ScannedProfile
 from stepblocks.scans.text_table import MOST_COLUMNS, NumberTable, parse_number, parse_table
@@ -185,7 +185,7 @@ def _make_scan(
     if table.values.shape[1] > 3 and not table.names and channel is None:
         return _make_map_of_matrix(table, units)
     columns = choose_columns(table, channel)
-    found = _find_missing(table, table.values[:, columns.z])
+    found = _find_missing_heights(table, table.values[:, columns.z])
     if found.count:
         values = table.values.copy()
         values[:, columns.z] = found.values
@@ -217,7 +217,7 @@ def _refuse_infinite(table: NumberTable, columns: Columns) -> None:
             )
 
 
-def _find_missing(table: NumberTable, heights: Array) -> FillFound:
+def _find_missing_heights(table: NumberTable, heights: Array) -> FillFound:
     """Find the heights that stand for a missing one: as declared, or those that stand out."""
     if table.missing is None:
         return blank_fill_values(heights)
@@ -242,7 +242,7 @@ def _make_profile(axes: Mapping[str, _Axis], scale: str, source: str) -> Scanned
         notes.append(f"{len(forward) - len(x)} points left out where the profile goes back")
     even = _fit_equal_steps(x, axes["x"].measure_last_digit(least_decimals=1))
     if even is not None:
-        if _is_moved(x, even):
+        if _moves_points(x, even):
             notes.append("positions set to equal steps within their last digit")
         x = even
     count = axes["z"].measure_last_digit()
@@ -255,7 +255,7 @@ def _find_axes(
     """Find name, numbers and unit of the column of each axis."""
     axes = {}
     for axis, column in columns.list_axes().items():
-        unit = find_unit(table, column, axis, units)
+        unit = find_column_unit(table, column, axis, units)
         axes[axis] = _Axis(table.get_name(column), table.values[:, column], unit)
     return axes
 
@@ -309,7 +309,7 @@ def _fit_equal_steps(x: Array, last_digit: float) -> Array | None:
     return np.asarray(even, dtype=np.float64)
 
 
-def _is_moved(x: Array, even: Array) -> bool:
+def _moves_points(x: Array, even: Array) -> bool:
     """Tell whether equal steps move a point by more than rounding does."""
     length = abs(float(x[-1] - x[0]))
     return float(np.abs(even - x).max()) > 1e-9 * length
@@ -324,7 +324,7 @@ def _make_map_of_matrix(table: NumberTable, units: Mapping[str, StoredLength]) -
             "heights, as x=0.5um,y=0.5um,z=nm (a table has 2 columns, x, z, or 3, x, y, z), got "
             f"{table.values.shape[1]} columns [{table.source}]"
         )
-    found = _find_missing(table, table.values)
+    found = _find_missing_heights(table, table.values)
     heights = _Axis(None, found.values.ravel(), units["z"])
     notes = ["matrix with the spacing and unit given", *table.notes]
     if found.count:

@@ -293,7 +293,7 @@ def _find_notation(lines: Sequence[str], source: str, declared: TableLayout) -> 
     """Find the notation in which most of the sampled lines are rows of numbers."""
     begin = [line for line in lines[: _MOST_HEADER_LINES + _SAMPLED_LINES] if line.strip()]
     sample = begin[-_SAMPLED_LINES:]
-    words = _list_words(declared)
+    words = _list_declared_words(declared)
     quote = find_quote(sample)
     best: Notation | None = None
     most_rows = 0
@@ -325,7 +325,7 @@ def _list_notations(declared: TableLayout) -> Sequence[NumberNotation]:
     return (NumberNotation(declared.decimal),)
 
 
-def _list_words(declared: TableLayout) -> frozenset[str]:
+def _list_declared_words(declared: TableLayout) -> frozenset[str]:
     """Return the words that are declared to stand for a missing point."""
     values = declared.missing_values
     if values is None:
@@ -374,7 +374,7 @@ def _refuse_row_in_head(lines: Sequence[str], layout: _Layout, source: str) -> N
         names = _split_head_line(lines[above - 1], layout.notation)
         is_below_names = len(names) == layout.columns and _AXIS_NAME.match(names[0]) is not None
     if are_numbers[0] or is_below_names:
-        raise _describe_broken_line(lines[above], above + 1, layout, source)
+        raise _make_line_error(lines[above], above + 1, layout, source)
 
 
 def _read_clean_rows(lines: Sequence[str], layout: _Layout) -> Array | None:
@@ -418,7 +418,7 @@ def _read_rows(lines: Sequence[str], layout: _Layout, source: str) -> _Rows:
         try:
             fields = notation.split_line(line)
         except csv.Error:
-            raise _describe_broken_line(line, index + 1, layout, source) from None
+            raise _make_line_error(line, index + 1, layout, source) from None
         if not fields:
             continue
         row = _parse_row(fields, layout)
@@ -431,7 +431,7 @@ def _read_rows(lines: Sequence[str], layout: _Layout, source: str) -> _Rows:
         if end is None:
             end = index
         if is_short or _looks_like_row(fields, layout):
-            raise _describe_broken_line(lines[end], end + 1, layout, source)
+            raise _make_line_error(lines[end], end + 1, layout, source)
     return _Rows(np.array(rows, dtype=np.float64), places, words)
 
 
@@ -455,7 +455,7 @@ def _parse_row(fields: Sequence[str], layout: _Layout) -> list[float] | None:
     return layout.notation.parse_numbers([*fields, *[""] * lacking])
 
 
-def _describe_broken_line(line: str, number: int, layout: _Layout, source: str) -> MetrologyError:
+def _make_line_error(line: str, number: int, layout: _Layout, source: str) -> MetrologyError:
     """Say which line of a table is none of its rows, and which of its fields is no number."""
     notation = layout.notation
     try:

@@ -95,12 +95,12 @@ def parse_units(unit: str | None) -> dict[str, StoredLength]:
     for entry in unit.split(","):
         match = _UNIT_OF_AXIS.fullmatch(entry.strip().lower())
         if match is None:
-            raise _describe_wrong_unit(unit)
+            raise _make_unit_error(unit)
         axis, number, name = match.groups()
         is_step = bool(axis) and number is not None
         length = StoredLength(float(number or 1.0), UNITS_PER_METRE[name], is_step)
         if length.number == 0.0:
-            raise _describe_wrong_unit(unit)
+            raise _make_unit_error(unit)
         if axis:
             units[axis] = length
         else:
@@ -108,7 +108,7 @@ def parse_units(unit: str | None) -> dict[str, StoredLength]:
     return units
 
 
-def _describe_wrong_unit(unit: str) -> MetrologyError:
+def _make_unit_error(unit: str) -> MetrologyError:
     return MetrologyError(
         f"unit must be one of nm, um, mm, m, or by axis as x=mm,z=um, got {unit!r}"
     )

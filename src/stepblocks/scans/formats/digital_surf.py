@@ -27,7 +27,7 @@ class DigitalSurfReader(SurfaceTopographyReader):
         """Unpack a compressed file, and write its units as the format has them."""
         raw = path.read_bytes()
         if raw.startswith(_COMPRESSED):
-            raw = _unpack(raw, path.name)
+            raw = _decompress(raw, path.name)
         return io.BytesIO(_rewrite_units(raw))
 
 
@@ -50,7 +50,7 @@ def _encode_unit(name: bytes) -> bytes:
     return text.replace("μ", "µ").encode("latin-1", "replace")
 
 
-def _unpack(raw: bytes, place: str) -> bytes:
+def _decompress(raw: bytes, place: str) -> bytes:
     """Make a plain file of a compressed one.
 
     Behind 512 bytes of header and the comments stands a directory of deflated pieces: their number,
