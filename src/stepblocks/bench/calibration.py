@@ -28,13 +28,13 @@ class Strict(BaseModel):
 
 
 def _validate_law(kind: str, declared: dict[str, Any]) -> dict[str, Any]:
-    """Refuse a law that cannot be built; `kind` is ``friction`` or ``contact``."""
+    """Return a ``friction`` or ``contact`` law as declared; refuse one that cannot be built."""
     build_laws({kind: declared})
     return declared
 
 
 def _refuse_tool_law(_: object) -> None:
-    """Refuse a law of the tool."""
+    """Refuse any law of the tool."""
     raise ValueError(
         "must be left out: `loop` fits spring, ring and decay of a tool of one mode, and what "
         "overtones do to a release is no law of equations (1) and (2)"
@@ -68,13 +68,13 @@ class Probe(Strict):
 
 
 def _convert_to_logarithm(known: tuple[float, float]) -> tuple[float, float]:
-    """Return the logarithm of a gain with its standard uncertainty: the law has the logarithm."""
+    """Return the logarithm of a gain with its standard uncertainty."""
     gain, std = known
     return float(np.log(gain)), std / gain
 
 
 def _convert_to_time_constant(known: tuple[float, float]) -> tuple[float, float]:
-    """Return the time constant of a corner frequency with its standard uncertainty [s]."""
+    """Return a time constant [s] with its standard uncertainty from a corner frequency [Hz]."""
     frequency, std = known
     return 0.5 / np.pi / frequency, 0.5 / np.pi * std / frequency**2
 
@@ -126,5 +126,5 @@ class Calibration(Strict):
     load_error: _KnownZero = Field(default=None, serialization_alias="load_bias_n")
 
     def list_known_constants(self) -> dict[str, tuple[float, float]]:
-        """Return value and standard uncertainty of what is known, by the parameters of the laws."""
+        """Return the known constants with standard uncertainties, by the names of the laws."""
         return self.model_dump(by_alias=True, exclude_none=True)

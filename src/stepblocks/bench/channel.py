@@ -58,7 +58,7 @@ def find_unit_in_name(name: str, dimension: str) -> str | None:
 
 
 def _parse_quantity_at_place(text: str, dimension: str, place: str) -> float:
-    """Parse a quantity into SI; what is wrong with it is said with its place in session.toml."""
+    """Parse a quantity into SI; an error names its `place` in session.toml."""
     try:
         return parse_quantity(text, dimension)
     except QuantityError as error:
@@ -66,6 +66,7 @@ def _parse_quantity_at_place(text: str, dimension: str, place: str) -> float:
 
 
 def _require_finite(value: object) -> object:
+    """Return a value; refuse a number that is not finite."""
     if isinstance(value, float) and not math.isfinite(value):
         raise ValueError("input should be a finite number")
     return value
@@ -143,7 +144,7 @@ class Channel(Strict):
             raise BenchError(f"`{place}` must have a unit of {dimension}, got {unit!r}") from error
 
     def _find_factor_from_volts(self, factor: str, unit: str, dimension: str, place: str) -> float:
-        """Return the factor to SI of numbers in a unit of voltage, from a quantity per volt."""
+        """Return the factor to SI for a file in volts, from a declared quantity per volt."""
         per_volt = _PER_VOLT.fullmatch(factor)
         if per_volt is None or unit not in _VOLTS:
             raise BenchError(
@@ -170,7 +171,7 @@ class Channel(Strict):
         )
 
     def read_tare_duration(self, place: str) -> float:
-        """Return how long the record shows zero at its begin [s]; 0 without a tare."""
+        """Return for how long the record shows zero at its start [s]; 0 without a tare."""
         if self.tare is None:
             return 0.0
         tare = _TARE.fullmatch(self.tare)

@@ -74,7 +74,7 @@ def read_conditions(session: Session) -> dict[str, Condition]:
 
 
 def _read_covariate(table: TextTable, column: str) -> dict[str, Condition]:
-    """Read numbers that are not plainly written, or dates as the time since the first of them [s].
+    """Read a column of numbers in another notation, or of dates as times since the first [s].
 
     The result is empty where the cells are neither.
     """
@@ -130,7 +130,7 @@ def find_block_heights(
     column : str
         Column of the heights; empty where they are those of the stimulus set.
     heights : list of float
-        One per trial [um]; not-a-number where unknown.
+        One per trial [um]; NaN where unknown.
 
     Raises
     ------
@@ -153,7 +153,7 @@ def find_block_heights(
 
 
 def _parse_height(text: str, notation: NumberNotation) -> float:
-    """Return the height in a cell; not-a-number where there is none."""
+    """Return the height in a cell; NaN where the cell holds no number."""
     try:
         return notation.parse(text)
     except ValueError:
@@ -161,7 +161,7 @@ def _parse_height(text: str, notation: NumberNotation) -> float:
 
 
 def _find_height_channel(session: Session, header: tuple[str, ...]) -> Channel | None:
-    """Return the column of the heights: declared, usual, or one named like it."""
+    """Return the column of the heights: declared, the default one, or one named like it."""
     columns = session.trials.columns
     if "height" in columns.model_fields_set or columns.height.column in header:
         return columns.height

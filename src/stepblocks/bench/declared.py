@@ -132,7 +132,7 @@ def _check_tip_radii(session: Session, pilots: Sequence[Pilot]) -> None:
 
 
 def _does_any_agree(session: Session, pilots: Sequence[Pilot]) -> bool:
-    """Tell whether any of some corrected trials agrees with session.toml by itself."""
+    """Tell whether any single trial, corrected for a slip, agrees with session.toml."""
     return any(_compare_with_declared(session, [pilot]).is_plausible() for pilot in pilots)
 
 
@@ -161,7 +161,7 @@ def _find_slip(traces: Traces, pilots: Sequence[Pilot], measured: Sequence[Pilot
 
 
 def _is_excluded_by_signs(slip: Slip, measured: Sequence[Pilot]) -> bool:
-    """Tell whether trials as measured exclude a slip by their signs.
+    """Tell whether the signs of the forces as measured rule out a slip.
 
     Where the normal force presses as it should, reversing it would pull; where friction holds back
     as well, reversing the tangential force would push.
@@ -228,7 +228,7 @@ def _compare_with_declared(session: Session, measured: Sequence[Pilot]) -> Agree
 
 
 def _find_median_or_one(ratios: Array) -> float:
-    """Return the median of what is known; 1 where nothing is."""
+    """Return the median of the finite ratios; 1 where no ratio is finite."""
     known = ratios[np.isfinite(ratios)]
     if not known.size:
         return 1.0
@@ -278,7 +278,7 @@ def _name_wrong_factor(session: Session, measured: Sequence[Pilot], spring: floa
 
 
 def _describe_rate_from_ring(measured: Sequence[Pilot], rate: float) -> str:
-    """Say that the ring speaks for a wrong rate, where it does; `rate` is shown over right rate."""
+    """Say that the ring also points to a wrong sample rate, if it does; else empty."""
     rings = np.array([features["ring_frequency_hz"] for _, features in measured], dtype=float)
     known = rings[np.isfinite(rings)]
     if not known.size:
@@ -296,7 +296,7 @@ def _describe_rate_from_ring(measured: Sequence[Pilot], rate: float) -> str:
 def _measure_misfit_of_blocks(session: Session, measured: Sequence[Pilot], gain: float) -> float:
     """Return the median of ``|ln F_px - ln (1)|`` with the tangential force divided by a gain.
 
-    It is not-a-number where the heights of the blocks are not known.
+    It is NaN where the heights of the blocks are not known.
     """
     table = open_trials(session)
     trials = [pilot.trial for pilot in measured]

@@ -37,7 +37,7 @@ class FeatureRow:
     conditions : tuple of str
         Cells of the table of trials, as written, one for each of its covariates.
     values : tuple
-        One for each of `FEATURE_COLUMNS`, a number or a word; not-a-number where the trial does
+        One for each of `FEATURE_COLUMNS`, a number or a word; NaN where the trial does
         not show it.
     """
 
@@ -105,7 +105,7 @@ class RowSpool:
 
 
 def _serialise_row(row: FeatureRow) -> str:
-    """Return a row as JSON; the digits of its numbers are all there."""
+    """Return a row as a line of JSON with all digits of its numbers."""
     fault = None
     if row.fault is not None:
         fault = {"kind": row.fault.kind.name, "details": row.fault.details}
@@ -122,7 +122,7 @@ def _serialise_row(row: FeatureRow) -> str:
 
 
 def _parse_row(line: str) -> FeatureRow:
-    """Return the row of a line of JSON; what its fault bounds is no part of the table."""
+    """Return the row of a line of JSON, without the bound of a censored trial."""
     fields = json.loads(line)
     fault = None
     if fields["fault"] is not None:

@@ -121,7 +121,7 @@ def draw_trials(
 
 
 def _find_trials_by_name(table: TrialTable, names: list[str] | None) -> list[Trial]:
-    """Return the trials of these names, as the table of trials or of features writes them."""
+    """Return the trials of these names, plain or escaped; the first ones without names."""
     if names is None:
         return list(islice(table, _FIRST))
     missing = set(names)
@@ -139,6 +139,7 @@ def _find_trials_by_name(table: TrialTable, names: list[str] | None) -> list[Tri
 
 
 def _name_figure(trial: Trial) -> str:
+    """Return the file name of the figure of a trial."""
     name = re.sub(r"[^A-Za-z0-9._-]", "_", trial.name)
     return f"trial-{name}.png"
 
@@ -169,6 +170,7 @@ def _draw_trial(title: str, trial: Trial, examination: Examination, path: Path) 
 
 
 def _draw_tangential(axes: "Axes", trace: Trace, curves: list[_Curve]) -> None:
+    """Draw the measured tangential force and the curves that were fitted to it."""
     time = 1e3 * trace.time
     axes.plot(time, trace.tangential, ".", color=_LINE, markersize=1.8, label="measured")
     for curve in curves:
@@ -177,7 +179,7 @@ def _draw_tangential(axes: "Axes", trace: Trace, curves: list[_Curve]) -> None:
 
 
 def _iterate_fitted_curves(trace: Trace, measurement: Measurement) -> Iterator[_Curve]:
-    """Yield what was fitted to the tangential force: sliding, ramp and ring."""
+    """Yield the curves that were fitted to the tangential force: sliding, ramp and ring."""
     approach, after = measurement.approach, measurement.aftermath
     release = measurement.peak.time
     time = trace.time - measurement.start

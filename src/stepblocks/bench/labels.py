@@ -80,7 +80,7 @@ class LabelCheck:
         return faults
 
     def _list_trials(self) -> "_LabelledTrials":
-        """Collect the noted trials as arrays, one of each label and feature."""
+        """Collect the noted trials as arrays, one array for each label and feature."""
         rows, blocks, digests = np.array(self.labels, dtype=np.uint64).reshape(-1, 3).T
         numbers = np.array(self.numbers, dtype=float).reshape(-1, 2 + len(_FEATURES)).T
         return _LabelledTrials(self.trials, rows, blocks, digests, list(self.names), *numbers)
@@ -108,20 +108,20 @@ class _LabelledTrials:
         return f"the normal force is {normal:.3g} N, the load of this row is {load:.3g} N"
 
     def find_usual_stiffness(self) -> float:
-        """Return the median of ramp over speed [N/m]; not-a-number where none is known."""
+        """Return the median of ramp over speed [N/m]; NaN where none is known."""
         ratios = self.slope / self.speed
         return _find_median(ratios[np.isfinite(ratios)])
 
 
 def _find_median(values: Array) -> float:
-    """Return the median, or not-a-number where there are no values."""
+    """Return the median, or NaN where there are no values."""
     if not values.size:
         return math.nan
     return float(np.median(values))
 
 
 def _mark_deviating(ratio: Array, usual: float, factor: float) -> NDArray[np.bool_]:
-    """Tell which finite ratios differ from the usual one by more than a factor."""
+    """Mark the finite ratios that differ from the usual one by more than a factor."""
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.isfinite(ratio) & ((ratio > usual * factor) | (ratio < usual / factor))
 
@@ -173,6 +173,7 @@ def _add_ramp_faults(trials: _LabelledTrials, faults: dict[int, LabelFault]) -> 
     usual = trials.find_usual_stiffness()
 
     def describe_ramp_contradiction(index: int) -> str:
+        """Say that the ramp of a trial contradicts its speed."""
         slope = trials.slope[index]
         speed_of_ramp = slope / usual * 1e3
         speed_of_row = trials.speed[index] * 1e3
@@ -201,7 +202,7 @@ def _add_duplicates(trials: _LabelledTrials, faults: dict[int, LabelFault]) -> N
 
 
 def _make_duplicate_fault(row: int) -> LabelFault:
-    """Make the fault of a trial whose samples stand for another row, too."""
+    """Make the fault of a trial whose samples also stand for `row`."""
     details = f"the same samples stand for row {row}"
     return LabelFault(FaultKind.DUPLICATE, details, evidence=Evidence.SAMPLES)
 
@@ -221,7 +222,7 @@ def _add_block_faults(trials: _LabelledTrials, faults: dict[int, LabelFault]) ->
 
 
 def _find_blocks_with_same_angle(angle: Array, block: NDArray[np.uint64]) -> dict[int, int]:
-    """Find the trials whose angle fits another block and not their own.
+    """Find trials whose angle fits another block better than their own, and that block.
 
     Angles [rad] and blocks have shape (n,); the result has the other block by the trial's index.
     """
@@ -282,7 +283,7 @@ def fit_load_line(load: Array, normal: Array) -> Callable[[Array], Array]:
     Parameters
     ----------
     load, normal : Array
-        Shape (n,), declared load and measured normal force [N]; not-a-number where unknown.
+        Shape (n,), declared load and measured normal force [N]; NaN where unknown.
 
     Returns
     -------

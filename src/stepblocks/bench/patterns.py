@@ -21,6 +21,7 @@ def check_pattern(pattern: str, field: str, place: str) -> None:
     """
 
     def remove_field(match: re.Match[str]) -> str:
+        """Return an empty text for the allowed field, any other match as it is."""
         if match["name"] == field:
             return ""
         return match[0]
@@ -36,6 +37,7 @@ def fill_pattern(pattern: str, **values: str) -> str:
     """Fill a checked pattern; `TraceError` where it wants a whole number and the value is none."""
 
     def fill_field(match: re.Match[str]) -> str:
+        """Return the value of a field, padded to its width."""
         name, width = match["name"], match["width"]
         value = values[name]
         if not width:

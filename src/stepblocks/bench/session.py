@@ -389,7 +389,7 @@ def _list_mistakes_of_patterns(declared: Document, folder: Path) -> list[Mistake
 
 
 def _find_unvalidated_text(declared: Document, table: str, key: str) -> str | None:
-    """Return a text of a document that was not validated; None where there is no such text."""
+    """Return a text of a document before its validation; None where no text is given."""
     fields = declared.get(table)
     if not isinstance(fields, dict):
         return None

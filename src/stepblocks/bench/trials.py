@@ -23,7 +23,7 @@ _OPTIONAL_COLUMNS = ("speed", "load", "block", "height")  # of `TrialColumns`
 
 @dataclass(frozen=True)
 class Trial:
-    """One row of the table of trials; not-a-number and empty where the table has no such column.
+    """One row of the table of trials; NaN and empty where the table has no such column.
 
     Attributes
     ----------
@@ -159,7 +159,7 @@ class TrialTable:
         return None
 
     def _read_condition(self, cells: Mapping[str, str], column: _NumberColumn) -> float:
-        """Return a condition in SI; not-a-number without its column, `ValueError` if unsound."""
+        """Return a condition in SI, NaN without its column; raise `ValueError` if unsound."""
         if column.name not in cells:
             return math.nan
         text = cells[column.name].strip()
@@ -230,7 +230,7 @@ def _read_table(session: Session) -> TextTable:
 
 
 def _find_trial_column(session: Session, header: tuple[str, ...], reserved: frozenset[str]) -> str:
-    """Refuse a header with missing or reserved names; return the column of the trial."""
+    """Return the column of the trial's name; refuse a header with missing or reserved names."""
     columns = session.trials.columns
     mistakes: list[Mistake] = []
     key = None
@@ -321,7 +321,7 @@ def _scan_rows(table: TextTable, key: int) -> _RowScan:
 
 
 def _match_declared_trials(session: Session, names: Iterable[str]) -> dict[str | int, str]:
-    """Find the trials that session.toml excludes or swaps, as the table writes them.
+    """Match the trials that session.toml excludes or swaps with their names in the table.
 
     Raises
     ------
@@ -354,7 +354,7 @@ def _match_declared_trials(session: Session, names: Iterable[str]) -> dict[str |
 
 
 def _match_trial_name(declared: str | int, names: Iterable[str]) -> str | None:
-    """Find a trial by its declared name; 73 may be written 0073 in the table."""
+    """Return the name in the table of a declared trial, or None; 73 may be written 0073."""
     text = str(declared)
     for name in names:
         if name == text:

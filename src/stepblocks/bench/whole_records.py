@@ -190,7 +190,7 @@ def replace_by_whole_records(
 
 
 def _list_record_features(record: WholeRecord, spring_constant: float) -> dict[str, float]:
-    """Describe a whole record in columns of a table of features, its energy among them [SI]."""
+    """Return the quantities of a whole record by their feature columns, with the energy [SI]."""
     cells: dict[str, float] = {}
     for name, std_name, attribute in _QUANTITIES:
         if name == _RAMP:

@@ -17,7 +17,7 @@ _LISTED_NAMES = 8  # of channels that a message lists
 
 
 class Estimate(NamedTuple):
-    """A value and its standard uncertainty, in one unit; not-a-number where unknown."""
+    """A value and its standard uncertainty, in one unit; NaN where unknown."""
 
     value: float
     std: float
@@ -54,7 +54,7 @@ class Trace:
 
 
 def refuse_oversized_channel(count: int, channel: str | int) -> None:
-    """Refuse a channel before it is read into memory.
+    """Refuse a channel of too many samples before it is read into memory.
 
     Raises
     ------
@@ -69,5 +69,5 @@ def refuse_oversized_channel(count: int, channel: str | int) -> None:
 
 
 def join_first_eight(names: Iterable[str]) -> str:
-    """Return the first eight names."""
+    """Return the first eight names as a text, separated by commas."""
     return ", ".join(islice(names, _LISTED_NAMES))

@@ -135,7 +135,7 @@ class Loading:
         Normal force while sliding [N].
     zeros : Zeros
     speed : float
-        Of the handle [m/s]; not-a-number where it is not known.
+        Of the handle [m/s]; NaN where it is not known.
     saw : Sawtooth | None
         What it drew before the edge where it stuck and slipped.
     """
@@ -158,7 +158,7 @@ class Loading:
         return Estimate(slope.value / self.speed, slope.std / self.speed)
 
     def compute_friction_coefficient(self) -> Estimate:
-        """Return sliding over normal force [1]."""
+        """Return sliding over normal force [1] with its standard uncertainty."""
         load, load_std = self.load
         friction = math.nan
         if load > 0.0:
@@ -220,7 +220,7 @@ class Measurement(Loading):
     def features(self) -> Features:
         """One value for each of `FEATURE_COLUMNS`.
 
-        A value is not-a-number where the trace does not show it.
+        A value is NaN where the trace does not show it.
         """
         after = self.aftermath
         features = self.list_loading_features()
@@ -244,7 +244,7 @@ class Measurement(Loading):
         return {name: features[name] for name in FEATURE_COLUMNS}
 
     def _list_sticking_features(self) -> Features:
-        """Return what the saw before the edge tells; not-a-number without a saw."""
+        """Return the features of the saw before the edge; NaN without a saw."""
         amplitude = stick_time = static_friction = _NOT_KNOWN
         if self.saw is not None:
             load, load_std = self.load
@@ -272,7 +272,7 @@ def measure_trace(
     spring_constant : float
         Of the explorer, as declared [N/m].
     speed : float
-        Of the handle [m/s]; not-a-number where it is not known.
+        Of the handle [m/s]; NaN where it is not known.
     tool : Tool, optional
         Its ring, where it is known.
 
@@ -425,7 +425,7 @@ def _measure_bounded_loading(trace: Trace, speed: float) -> Loading:
 
 
 def _drop_features_over_load(trace: Trace, features: Features) -> Features:
-    """Leave out what counts by the load where the normal gauge stood still while sliding."""
+    """Drop features that divide by the load where the normal gauge was at its limit."""
     # a level at which the gauge stood still is less than the force, and friction over it is no
     # friction
     sliding = np.abs(trace.normal[trace.time < features["loading_onset_s"]])

@@ -46,6 +46,7 @@ def measure_sympathetic_force(
     since = time[begin:] - after.start
 
     def measure_ring(frequency: float, decay_time: float) -> Estimate:
+        """Measure the amplitude of a ring of known frequency [Hz] and decay time [s]."""
         ring = build_damped_wave_columns(since, frequency, decay_time)
         weights, covariance = fit_with_covariance(np.column_stack([ring, still]), normal[begin:])
         size = float(np.hypot(weights[0], weights[1]))

@@ -83,6 +83,7 @@ def _find_corner(time: Array, marks: Landmarks, approach: Approach, ring: Ring) 
     step = float(np.median(np.diff(time)))
 
     def compute_excess(instant: float) -> float:
+        """Return the curve of the ring less the line of the ramp at an instant [N]."""
         instants = np.array([instant])
         return float(ring.compute_curve(instants)[0] - approach.compute_ramp_line(instants)[0])
 
@@ -180,7 +181,7 @@ def _find_corner_of_fall(
 def _find_first_after_corner(
     time: Array, force: Array, marks: Landmarks, approach: Approach
 ) -> int | None:
-    """Find the first sample after a corner; None where the force leaves the ramp gently."""
+    """Return the index of the first sample after a corner; None where there is no corner."""
     # noise decides which of the samples about a corner is the highest; the fall begins where the
     # line is left
     below = approach.compute_ramp_line(time) - force
@@ -197,7 +198,7 @@ def _find_first_after_corner(
 
 
 def _find_last_fall_through_zero(weights: Array) -> float | None:
-    """Return where a parabola last falls through zero before its begin, in samples from it."""
+    """Return where before its origin a parabola last falls through zero [samples], or None."""
     grid = np.linspace(-_CORNER_REACH, 0.0, 701)
     excess = np.vander(grid, 3, increasing=True) @ weights
     above = np.flatnonzero(excess > 0.0)
@@ -225,7 +226,7 @@ def _find_rounded_peak(time: Array, force: Array, marks: Landmarks, approach: Ap
 
 
 def _find_top_samples(time: Array, clean: Array, marks: Landmarks) -> slice:
-    """Return the samples of a rounded peak; `clean` is the force without hum [N]."""
+    """Return the slice of the samples of a rounded peak; `clean` is the force without hum [N]."""
     smooth = np.convolve(clean, np.full(5, 0.2), mode="same")
     tolerance = max(_TOP_SHARE * marks.rise, _TOP_NOISE * marks.noise)
     is_high = smooth > smooth[marks.peak] - tolerance

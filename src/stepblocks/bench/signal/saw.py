@@ -223,7 +223,7 @@ def _measure_saw(
 def _compute_average_extra_friction(
     fall: float, fastest_force: float, slope: float, stiffness: float
 ) -> float:
-    """Return how much of static friction over kinetic a slip still feels on average [N].
+    """Return the average excess of static over kinetic friction that acts during a slip [N].
 
     Parameters
     ----------

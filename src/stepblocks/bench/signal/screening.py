@@ -48,7 +48,7 @@ def screen_trace(trace: Trace, sample_rate: float, limit: float | None = None) -
 
 
 def has_ascending_time(trace: Trace) -> bool:
-    """Tell whether each sample of a trace lies behind the one before it."""
+    """Tell whether each sample of a trace lies after the one before it."""
     return bool(np.all(np.diff(trace.time) > 0.0))
 
 
@@ -60,7 +60,7 @@ def compute_sample_rate(time: Array) -> float:
 
 
 def _find_unsound_samples(trace: Trace) -> TrialFault | None:
-    """Find too few samples, or samples that are no numbers."""
+    """Find too few samples, or samples that are not finite numbers."""
     count = trace.time.size
     if count == 0:
         return TrialFault(FaultKind.TRUNCATED, "the trace is empty")
@@ -131,6 +131,7 @@ def _find_saturation(name: str, values: Array, limit: float | None) -> TrialFaul
 
 
 def _describe_flat_run(run: "_Run", extreme: str, force: float) -> str:
+    """Say how many samples stand at an extreme force [N], the highest or the lowest."""
     return f"{run.length} samples in a row at the {extreme} force, {force:.4g} N"
 
 

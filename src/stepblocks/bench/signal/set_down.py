@@ -31,7 +31,7 @@ class SetDown(NamedTuple):
     first : int
         First sample from which the tip slides.
     tangential_zero, normal_zero : Estimate
-        [N]; not-a-number where the record has no part without load.
+        [N]; NaN where the record has no part without load.
     """
 
     first: int
@@ -92,14 +92,14 @@ def _measure_zero(force: Array) -> Estimate:
 
 
 def _find_sliding_start(force: Array, zero: float, calm: int, *, pulled_up: bool) -> int:
-    """Find the first sample at the sliding force.
+    """Return the index of the first sample at the sliding force.
 
     Parameters
     ----------
     force : Array
         Shape (n,), tangential force under load [N].
     zero : float
-        Force at rest [N]; not-a-number where it is not known.
+        Force at rest [N]; NaN where it is not known.
     calm : int
         Samples in two periods of a ring.
     pulled_up : bool
@@ -138,7 +138,7 @@ def _find_ramp_start(climb: Array, calm: int) -> int:
 
 
 def _count_to_last_below(climb: Array, share: float) -> int:
-    """Return the last sample at less than a share of the top, counted from 1; 0 for none."""
+    """Return the number of samples up to the last one below a share of the top."""
     below = np.append(True, climb < share * climb[-1])
     return int(np.flatnonzero(below)[-1])
 

@@ -294,6 +294,7 @@ def _average_shapes(fits: list[_ShapeFit], release: float) -> WholeRecord:
     best = fits[int(np.argmin(criteria))]
 
     def average(estimate: Callable[[_ShapeFit], Estimate]) -> Estimate:
+        """Average an estimate over the shapes by their shares."""
         return _average([estimate(fit) for fit in fits], shares)
 
     instant = average(_ShapeFit.get_release)

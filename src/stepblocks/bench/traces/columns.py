@@ -32,7 +32,7 @@ def read_columns_in_worker(
     place: Mapping[str, Any],
     names: Sequence[str | int],
 ) -> dict[str, object]:
-    """Read columns of one trial.
+    """Read columns of one trial in the confined process.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def read_columns_in_worker(
 
 
 def close_container_in_worker(path: Path) -> dict[str, object]:
-    """Let a container go."""
+    """Close the container that this worker keeps open."""
     _open_container.cache_clear()
     return {}
 
@@ -119,7 +119,7 @@ def _open_container(
 
 
 def _convert_samples(values: object, name: str | int) -> Array:
-    """Return the samples of one channel, shape (n,); refuse what are no numbers in a row."""
+    """Return the samples of one channel, shape (n,); refuse anything but a row of numbers."""
     array = np.asarray(values)
     if array.dtype.kind not in "fiub":
         raise TraceError(

@@ -102,7 +102,7 @@ class Hdf5Reader(TraceReader["h5py.File", "h5py.Group | h5py.Dataset | RowOfFile
 
 
 def _describe_top_level(file: "h5py.File") -> str:
-    """Say what a file holds at its top."""
+    """Describe the arrays at the top level of a file."""
     shapes: dict[str, tuple[int, ...]] = {}
     for name in islice(file, _LISTED_ITEMS):
         with suppress(Exception):  # the library raises anything on damaged items
@@ -160,6 +160,7 @@ def _read_table_column(table: "h5py.Dataset", name: str | int) -> ArrayLike:
 
 
 def _read_plain_column(table: "h5py.Dataset", index: int) -> ArrayLike:
+    """Read a column of a table without names by its index from 0."""
     if table.ndim != 2 or not 0 <= index < min(table.shape):
         raise TraceError(
             FaultKind.UNKNOWN_CHANNEL, f"no column {index} in a table of shape {table.shape}"

@@ -68,7 +68,7 @@ class Variables:
         )
 
     def _describe_variables(self) -> str:
-        """Say what the file holds."""
+        """Describe the variables of the file by name and shape."""
         shapes: dict[str, tuple[int, ...]] = {}
         for name, extent in islice(self.extents.items(), _LISTED_ITEMS):
             begin = Extent(extent.start, min(extent.length, _NAMED))
@@ -169,7 +169,7 @@ def _is_hdf5(path: Path) -> bool:
 
 
 def _read_field(fields: Mapping[str, object], name: str | int) -> object:
-    """Return a field of a struct."""
+    """Return a field of a struct; refuse a name that the struct lacks."""
     if name not in fields:
         raise TraceError(
             FaultKind.UNKNOWN_CHANNEL,
@@ -179,6 +179,7 @@ def _read_field(fields: Mapping[str, object], name: str | int) -> object:
 
 
 def _read_matrix_column(matrix: "np.ndarray[Any, Any]", index: str | int) -> ArrayLike:
+    """Return a column of a matrix by its index from 0."""
     is_matrix = matrix.ndim == 2
     if not isinstance(index, int) or not is_matrix or not 0 <= index < matrix.shape[1]:
         raise TraceError(

@@ -46,9 +46,9 @@ class TrialRow:
         )
 
     def select_samples(self, array: NDArray[np.generic], name: str | int) -> NDArray[np.generic]:
-        """Return the samples of the trial; what is common to all trials has one row alone.
+        """Return the samples of the trial; an array with a single row is common to all trials.
 
-        Rows that are shorter than the longest are filled up with not-a-number, which is cut off.
+        Rows that are shorter than the longest are filled up with NaN, which is cut off.
         """
         if max(array.shape, default=0) == array.size and self.count > 1:
             return array.ravel()
@@ -57,7 +57,7 @@ class TrialRow:
 
 
 def cut_trailing_nans(samples: NDArray[np.generic]) -> NDArray[np.generic]:
-    """Cut off what fills up a row of shape (n,) at its end: not-a-number."""
+    """Cut off the NaN that fill up a row of shape (n,) at its end."""
     if samples.dtype.kind != "f":
         return samples
     seen = np.flatnonzero(~np.isnan(samples))

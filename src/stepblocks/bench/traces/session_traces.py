@@ -167,7 +167,7 @@ class Traces(ExitStack):
         return self._convert_to_si(raw)
 
     def _find_array_row(self, trial: str) -> TrialRow | None:
-        """Find the row of a trial where each trial is a row of arrays; else None."""
+        """Return the row of a trial where each trial is a row of arrays; None for other layouts."""
         if self.session.acquisition.rows is None:
             return None
         if trial not in self._places:
@@ -239,11 +239,12 @@ def _build_text_layout(acquisition: Acquisition) -> TextLayout:
 
 
 def _select_samples(trace: Trace, samples: slice) -> Trace:
+    """Return the part of a trace in a slice of its samples."""
     return Trace(trace.time[samples], trace.tangential[samples], trace.normal[samples])
 
 
 def _refuse_contradicting_increments(increments: Array, rate: float) -> None:
-    """Refuse a file that states another time between two samples than the declared rate [Hz]."""
+    """Refuse a file that states another sampling interval than the declared rate [Hz]."""
     steps = increments * rate
     # of an increment in ms or us the unit is not known, and it contradicts nothing
     powers = np.log10(steps) / _DECADES_OF_UNITS

@@ -107,7 +107,7 @@ def _find_releases(force: Array, rate: float, count: int) -> list[int]:
 
 
 def _count_clear_falls(heights: Array) -> int:
-    """Return how many falls stand out, by the largest ratio of one to the next lower [N]."""
+    """Return how many falls stand out, by the largest ratio of neighbours in `heights` [N]."""
     if heights.size < 2:
         return heights.size
     ratios = heights[:-1] / np.maximum(heights[1:], _LEAST_FALL)

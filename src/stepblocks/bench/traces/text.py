@@ -63,7 +63,7 @@ class TextReader(TraceReader[TextTable, TextTable]):
 
 
 def _find_column_index(table: TextTable, name: str | int) -> int | None:
-    """Return the number of a column, from 0; None where the table has no such column."""
+    """Return the index of a column, from 0; None where the table has no such column."""
     if isinstance(name, int):
         return name if 0 <= name < table.column_count else None
     if name not in table.names:
