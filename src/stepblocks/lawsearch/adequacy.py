@@ -80,7 +80,7 @@ class ReplicateTest:
     Attributes
     ----------
     replicate_std : float
-        Standard deviation among replicates; not-a-number where there are too few.
+        Standard deviation among replicates; NaN where there are too few.
     replicate_dof : int
         Its degrees of freedom.
     lack_of_fit_p_value : float
@@ -217,7 +217,7 @@ def compare_with_replicates(
     Parameters
     ----------
     residual : Floats
-        Shape (n,), of one channel; not-a-number where it is unknown.
+        Shape (n,), of one channel; NaN where it is unknown.
     cells : sequence
         Label of each trial; trials of equal labels are replicates.
     constants : int

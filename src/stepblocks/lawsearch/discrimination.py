@@ -115,7 +115,7 @@ def rank_settings(
 def _build_ranked_setting(
     grid: Trials, row: int, shown: Sequence[str], gain: Floats
 ) -> RankedSetting:
-    """Give the covariates of one row of a grid that are shown, as plain values, with its gain."""
+    """Return one row of a grid with its gain, as plain values of the `shown` covariates."""
     settings = {}
     for name in shown:
         settings[name] = grid.covariates[name][row].item()

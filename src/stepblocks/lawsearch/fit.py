@@ -98,7 +98,7 @@ def fit(
 
 
 def _has_room_to_improve(solution: OptimizeResult) -> bool:
-    """Tell whether a fit ended where one step more along its slopes would lower its cost."""
+    """Tell whether one more Gauss-Newton step would lower the cost of a solution."""
     basis, _ = np.linalg.qr(solution.jac)
     return float(np.sum((basis.T @ solution.fun) ** 2)) > _LEAST_GAIN
 

@@ -25,13 +25,13 @@ class Trials:
     channels : tuple[str, ...]
         Names of what was measured.
     values : Floats
-        Shape (n, c); not-a-number where a channel failed.
+        Shape (n, c); NaN where a channel failed.
     std : Floats
         Shape (n, c), standard uncertainty of each value from its own measurement.
     block : NDArray[np.str_]
         Shape (n,), specimen of each trial. Errors of a specimen are common to its trials.
     floor : Floats | None
-        Shape (n, c), lower limit of each censored value; not-a-number elsewhere.
+        Shape (n, c), lower limit of each censored value; NaN elsewhere.
     """
 
     covariates: Mapping[str, NDArray[np.generic]]

@@ -27,7 +27,7 @@ ListCandidates = Callable[[Trials], Sequence[Law]]  # effects that may be asked 
 class HeldOutErrors(NamedTuple):
     """Errors on held-out trials, measured less predicted, for one way of holding out.
 
-    They are not-a-number where a trial was never held out, or is left open.
+    They are NaN where a trial was never held out, or is left open.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class Holdout:
     def compute_nominal_and_extended_rms(self, channel: int) -> tuple[float, float]:
         """Compute the root mean square of the nominal and the extended error in one channel.
 
-        Both are not-a-number where nothing was held out.
+        Both are NaN where nothing was held out.
         """
         nominal = _compute_rms(self.nominal[:, channel])
         extended = _compute_rms(self.extended[:, channel])
@@ -76,7 +76,7 @@ class Holdout:
 
 
 def _compute_rms(errors: Floats) -> float:
-    """Compute the root mean square of the finite errors; not-a-number where there are none."""
+    """Compute the root mean square of the finite errors; NaN where there are none."""
     finite = errors[np.isfinite(errors)]
     if not finite.size:
         return float("nan")
@@ -303,7 +303,7 @@ def _find_open_values(error: Floats, lowered: Floats, raised: Floats) -> NDArray
     """
     typical = pd.DataFrame(np.abs(error)).median().to_numpy()
     reach = np.maximum(np.abs(lowered - error), np.abs(raised - error))
-    # the reach is not-a-number where the specimen locks once it is moved: that is open, too
+    # the reach is NaN where the specimen locks once it is moved: that is open, too
     decided = reach <= _MOST_OPEN * typical
     return np.asarray(np.isfinite(error) & ~decided)
 

@@ -194,7 +194,7 @@ def _find_moved_share(problem: Problem, fitted: Fit) -> float:
 
 
 def _find_family(effect: Law) -> str:
-    """Return the name without the mark of the variant; specimens are no variants of one law."""
+    """Return the family of an effect; laws of single specimens are families of their own."""
     if effect.covariate == "block":
         return effect.id
     return remove_variant_mark(effect.id)

@@ -203,7 +203,7 @@ def list_starts(parameters: Sequence[Parameter]) -> dict[str, float]:
 
 
 def remove_variant_mark(law_id: str) -> str:
-    """Return the name of a law without the mark of its variant."""
+    """Return the name of a law without the mark of its variant, as in ``name~mark``."""
     return law_id.split("~")[0]
 
 

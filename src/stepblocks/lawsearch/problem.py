@@ -138,7 +138,7 @@ class Problem:
         return self.model.predict(self.trials, values, pair_with_values(effects, values))
 
     def compute_residual(self, fitted: Fit) -> Floats:
-        """Compute measured less predicted values, shape (n, c); not-a-number where unseen."""
+        """Compute measured less predicted values, shape (n, c); NaN where unseen."""
         return np.where(self.trials.seen, self.trials.values - fitted.predicted, np.nan)
 
     def reduce_noise(self, fitted: Fit) -> "Problem":
@@ -147,6 +147,7 @@ class Problem:
         systematics = [*self.model.systematics(self.trials), *self.common]
 
         def build_from(residual: Residual) -> Noise:
+            """Build the noise with the scatter of a residual."""
             scatter = estimate_scatter(residual, self.trials.std, responses)
             return build_noise(self.trials, systematics, responses, scatter)
 

@@ -67,7 +67,7 @@ class Residual:
     Attributes
     ----------
     values : Floats
-        Shape (n, c); not-a-number where nothing is known.
+        Shape (n, c); NaN where nothing is known.
     dof : int
         Degrees of freedom.
     """
@@ -162,7 +162,7 @@ def _list_polynomials(standardised: Sequence[Floats]) -> list[Floats]:
 def compute_flexible_residual(trials: Trials, shared: Sequence[Systematic] = ()) -> Residual:
     """Compute the residual of every channel about a flexible regression.
 
-    Channels with too few values for the regression stay not-a-number.
+    Channels with too few values for the regression stay NaN.
     """
     basis = build_flexible_columns(trials, shared=shared)
     residual = np.full(trials.values.shape, np.nan)
@@ -307,7 +307,7 @@ def estimate_scatter(residual: Residual, std: Floats, responses: Floats) -> Scat
 def _make_likelihood_cost(
     scaled: Floats, measured: Floats, shown: Floats, seen: NDArray[np.bool_]
 ) -> Callable[[Floats], tuple[float, Floats]]:
-    """Make minus twice the log likelihood of the logarithms of all variances, with its gradient.
+    """Make the function that computes -2 log likelihood, and its gradient, of log variances.
 
     Parameters
     ----------
@@ -324,6 +324,7 @@ def _make_likelihood_cost(
     count = shown.shape[2]
 
     def compute_cost(log_variance: Floats) -> tuple[float, Floats]:
+        """Compute cost and gradient, shape (k + c,), at the logarithms of all variances."""
         variance = np.exp(log_variance)
         diagonal = measured + np.where(seen, variance[count:], 0.0)
         # the covariance is diagonal but for the few quantities, so that only the small matrices of

@@ -152,7 +152,7 @@ def _select_plainest(found: Sequence[Hint]) -> tuple[Hint, ...]:
 
 
 def list_wandering_quantities(hints: Sequence[Hint]) -> set[str]:
-    """List the quantities whose neighbouring errors hints connect."""
+    """List the quantities whose errors wander along the run, according to the hints."""
     quantities = set()
     for hint in hints:
         if hint.kind == HintKind.NEIGHBOURS:
