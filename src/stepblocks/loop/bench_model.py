@@ -155,7 +155,7 @@ class SessionModel:
         return (*of_a_day, *common)
 
     def _apply_certified_spring(self, parameter: Parameter) -> Parameter:
-        """Give the stiffness the prior of its certificate, where there is one."""
+        """Give the stiffness constant the prior of its certificate, if there is one."""
         spring = self.known.get("spring_constant")
         if spring is None or parameter.name != "stiffness_ratio":
             return parameter
@@ -220,7 +220,7 @@ class SessionModel:
     def _spread_constants(
         self, constants: Mapping[str, float | Floats], sessions: Sequence[str]
     ) -> dict[str, float | Floats]:
-        """Give each trial the constants of its session; the usual ones where it knows none."""
+        """Give each trial the constants of its session, and defaults where its session has none."""
         spread: dict[str, float | Floats] = {}
         for name, usual in constants.items():
             of_trials = [self.own[session].get(name, usual) for session in sessions]
@@ -293,7 +293,7 @@ def name_in_session(constant: str, session: str) -> str:
 def _spread_daily_values(
     values: Mapping[str, float | Floats], sessions: Sequence[str]
 ) -> dict[str, float | Floats]:
-    """Give each trial the values of its session of the constants that are those of a day."""
+    """Give each trial the constants of the day of its session."""
     spread: dict[str, float | Floats] = {}
     for name in OF_A_DAY:
         of_trials = [values[name_in_session(name, session)] for session in sessions]

@@ -37,7 +37,7 @@ class ScannedBlocks:
 def measure_block_scans(
     folder: Path, pattern: str | None, blocks: Sequence[str], layout: TableLayout = UNDECLARED
 ) -> ScannedBlocks:
-    """Evaluate the scan of every block.
+    """Measure the scan of every block.
 
     Parameters
     ----------

@@ -56,7 +56,7 @@ def check_quantity(
     ----------
     quantity : Declared
     shown : Floats
-        Shape (n,), what each trial shows over the nominal value [1]; not-a-number where it does
+        Shape (n,), what each trial shows over the nominal value [1]; NaN where it does
         not.
     declared : pair of float
         What is declared, in the same unit, and its standard uncertainty [1].
@@ -154,7 +154,7 @@ def weigh_calibration(
 def _mark_explained(
     check: CalibrationCheck, explanation: Explanation, knows_laws: bool
 ) -> CalibrationCheck:
-    """Mark a contradiction that an effect, or a law that is known beforehand, accounts for."""
+    """Mark a contradiction as explained where an effect or a known law accounts for it."""
     fitted = explanation.extended
     slots = {law.slot for law in fitted.effects}
     if check.quantity is Declared.LOAD:

@@ -58,7 +58,7 @@ CHANNEL_COLUMNS = (
 
 
 def read_numbers(table: pd.DataFrame, name: str) -> Floats:
-    """Read a column as numbers of shape (n,); what is missing is not-a-number."""
+    """Read a column as numbers of shape (n,); NaN where a value is missing."""
     if name not in table:
         return np.full(len(table), np.nan)
     return np.asarray(pd.to_numeric(table[name], errors="coerce"), dtype=np.float64)
@@ -155,7 +155,7 @@ def _read_covariate(table: pd.DataFrame, name: str) -> NDArray[np.generic]:
 
 
 def _read_run_order(table: pd.DataFrame) -> Floats:
-    """Read the order of the run, shape (n,): that of the table where it is not written."""
+    """Read the run order, shape (n,); that of the rows where the column is missing or has gaps."""
     order = read_numbers(table, "run_order")
     if not np.isfinite(order).all():
         return np.arange(float(len(order)))
@@ -163,7 +163,7 @@ def _read_run_order(table: pd.DataFrame) -> Floats:
 
 
 def _fill_gaps(numbers: Floats, order: Floats) -> Floats:
-    """Fill what is not-a-number between its neighbours in order, or with the median."""
+    """Fill NaN between neighbours in order, or with the median."""
     seen = np.isfinite(numbers)
     rows = np.flatnonzero(seen)
     rows = rows[np.argsort(order[rows], kind="stable")]
@@ -203,7 +203,7 @@ def derive_covariates(features: pd.DataFrame) -> dict[str, NDArray[np.generic]]:
 
 
 def _find_clock_column(features: pd.DataFrame) -> str | None:
-    """Find the column of times since the start [s]; None where there is none."""
+    """Find the column of times since the start [s]; None where the table has none."""
     for column in features.columns:
         if column.endswith(_CLOCK):
             return str(column)

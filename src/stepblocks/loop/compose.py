@@ -155,7 +155,7 @@ def _list_known_constants(model: SessionModel) -> dict[str, KnownConstant]:
 
 
 def _describe_check(check: CalibrationCheck) -> CalibrationRecord:
-    """Describe what the records show of a declared quantity; it is in words where it is open."""
+    """Describe what the records show of a declared quantity, in words if it is contradicted."""
     text = ""
     if check.is_open:
         text = check.sentence
@@ -238,7 +238,7 @@ def _test_against_replicates(
 
 
 def _compute_residual(table: SessionTable, fitted: Fit) -> Floats:
-    """Compute measured less predicted values, shape (n, c); not-a-number where unseen."""
+    """Compute measured less predicted values, shape (n, c); NaN where unseen."""
     return np.where(table.trials.seen, table.trials.values - fitted.predicted, np.nan)
 
 
@@ -404,7 +404,7 @@ def _list_detectable(explanation: Explanation) -> list[DetectableEffect]:
 
 
 def _list_apart_trials(table: SessionTable, explanation: Explanation) -> list[ApartTrial]:
-    """List the trials that went wrong, with the chance that they did and what they look like."""
+    """List the trials that went wrong, each with its probability and what it looks like."""
     measured = np.isfinite(table.measured[:, JUDGED])
     outlying = measured & np.isnan(table.trials.values[:, JUDGED])
     chances = dict.fromkeys(np.flatnonzero(outlying.any(axis=1)).tolist(), 1.0)

@@ -8,7 +8,7 @@ _NEAR_SLIP = 0.08  # of such a factor
 
 
 def find_slip_factor(ratio: float) -> float | None:
-    """Find the factor near which a ratio lies, at which people slip."""
+    """Find the factor of a common slip near a ratio, such as 1000 for a unit; None for no slip."""
     for factor in _SLIPS:
         for slip in (factor, 1.0 / factor):
             if abs(ratio / slip - 1.0) < _NEAR_SLIP:
@@ -62,7 +62,7 @@ class Declared(Enum):
 
 
 def _compute_deviation_percent(ratio: float) -> float:
-    """Compute by how many percent a ratio is off one; below one it is negative."""
+    """Compute the deviation of a ratio from one in percent, negative below one."""
     return 100.0 * (ratio - 1.0)
 
 

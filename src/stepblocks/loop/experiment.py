@@ -177,7 +177,7 @@ def _list_checks_of_doubt(explanation: Explanation) -> tuple[str, ...]:
 
 
 def _list_calibration_advice(explanation: Explanation) -> tuple[str, ...]:
-    """List what tells more than drags would: scans of blocks without one, weights, the spring."""
+    """List checks of the bench that tell more than drags: scans, weights, the spring."""
     model = explanation.problem.model
     assert isinstance(model, SessionModel)
     ways = []
@@ -191,7 +191,7 @@ def _list_calibration_advice(explanation: Explanation) -> tuple[str, ...]:
 
 
 def _describe_unaffordable_trials(ranking: Ranking, trials: Trials) -> str:
-    """Say why no trials are asked for: more would be needed than a session has."""
+    """Say why no trials are proposed: a session has fewer than would be needed."""
     needed = "no number of trials is enough"
     if ranking.repeats:
         needed = f"{ranking.repeats} trials would be needed, this session has {len(trials)}"
@@ -216,7 +216,7 @@ def _choose_models(explanation: Explanation) -> _RivalModels | None:
 
 
 def _list_bench_advice(explanation: Explanation) -> tuple[str, ...]:
-    """List once each what to do on the bench to decide among the effects and their rivals."""
+    """List, each once, what to do on the bench to decide among the effects and their rivals."""
     moves: dict[str, None] = {}
     for finding in explanation.findings:
         for law in finding.laws:
@@ -274,7 +274,7 @@ def _design_block(trials: Trials, state: DragState, setting: RankedSetting) -> N
 
 
 def format_block_stimulus(experiment: NextExperiment | None) -> str | None:
-    """Write the stimulus file of the block that an experiment asks for.
+    """Write the stimulus file of the block that an experiment requires.
 
     Returns
     -------

@@ -84,7 +84,7 @@ def describe_apart_trials(count: int) -> str:
 
 
 def _list_sentences(explanation: Explanation, record: LoopRecord) -> list[str]:
-    """List what is said of the hints, the findings and the whole."""
+    """List the sentences on the hints, the findings and the whole."""
     sentences = explanation.hint_sentences
     parts = [*sentences]
     first_rival = 0
@@ -103,7 +103,7 @@ def _list_sentences(explanation: Explanation, record: LoopRecord) -> list[str]:
 
 
 def describe_doubt_of_whole(explanation: Explanation) -> str:
-    """Say why the whole is not claimed; empty where a finding has said so, or it is claimed."""
+    """Say why the whole is not claimed; empty if it is, or if a finding says why."""
     if explanation.verdict is not Verdict.UNEXPLAINED or not explanation.reason:
         return ""
     if any(finding.reason == explanation.reason for finding in explanation.findings):
@@ -144,7 +144,7 @@ def _format_percent(percent: float) -> str:
 
 
 def _format_percent_after(after: float, before: float) -> str:
-    """Write the error of the extended model, and where it rose that it did so by chance."""
+    """Write the error of the extended model, with a remark where it exceeds the nominal one."""
     text = _format_percent(after)
     return f"{text} (by chance)" if after > before else text
 

@@ -90,7 +90,7 @@ def _write_finding(
 
 
 def _count_trials_of_effect(finding: Finding, table: SessionTable) -> int:
-    """Count the trials that speak of an effect: those of its blocks, or all that were measured."""
+    """Count the trials on which an effect rests: those of its blocks, or all measured ones."""
     trials = table.trials
     measured = np.isfinite(trials.values[:, JUDGED]).any(axis=1)
     if finding.effect.specimens:
@@ -99,7 +99,7 @@ def _count_trials_of_effect(finding: Finding, table: SessionTable) -> int:
 
 
 def _write_closing_lines(explanation: Explanation, record: LoopRecord) -> list[str]:
-    """Write what remains unexplained, the trials held apart, the notes, and the errors."""
+    """Write the closing lines: doubt of the whole, trials held apart, notes, and errors."""
     lines = []
     doubt = describe_doubt_of_whole(explanation)
     if doubt:

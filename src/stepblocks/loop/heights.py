@@ -23,7 +23,7 @@ _UNSCANNED_EDGES = (0.5e-6, 0.5e-6)
 
 
 def add_height_findings(explanation: Explanation, table: SessionTable) -> Explanation:
-    """Name every block without a scan whose height is beyond its tolerance by 95 %.
+    """Add a finding for every unscanned block whose height is out of tolerance at 95 %.
 
     The height error of blocks that a search has named becomes known as well as that of the others.
 
@@ -91,7 +91,7 @@ def _find_blocks_beyond_tolerance(fitted: Fit, table: SessionTable) -> dict[str,
 
 
 def _fix_heights_at_nominal(table: SessionTable, blocks: list[str]) -> SessionModel:
-    """Fix the heights of some blocks in the model at their nominal values: laws change them."""
+    """Fix the heights of some blocks at nominal in the model, so that laws can change them."""
     scanned: Mapping[str, tuple[float, float]] = table.model.scanned or {}
     heights = dict(scanned)
     for block in blocks:
@@ -101,7 +101,7 @@ def _fix_heights_at_nominal(table: SessionTable, blocks: list[str]) -> SessionMo
 
 
 def _make_height_finding(problem: Problem, extended: Fit, law: Law, p_value: float) -> Finding:
-    """Make a finding of the height of a block."""
+    """Make the finding of an erroneous height of a block."""
     without = fit_without(problem, extended, law)
     shares = find_largest_shares(problem, without, extended)
     return Finding(
@@ -117,7 +117,7 @@ def _make_height_finding(problem: Problem, extended: Fit, law: Law, p_value: flo
 def _estimate_uncertainties(
     problem: Problem, extended: Fit, model: SessionModel
 ) -> dict[str, float]:
-    """Estimate the uncertainty of all values, that of edges which nobody scanned included.
+    """Estimate the standard uncertainty of all values, with that of unscanned edges.
 
     What is delivered has sharp edges where nobody scanned them; what their rounding would change
     is part of the uncertainty.

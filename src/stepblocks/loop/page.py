@@ -271,6 +271,7 @@ def compute_effect_change(explanation: Explanation, effect: Law) -> EffectChange
     other_effects = fitted.list_effects_beside(effect)
 
     def predict_change(values: Mapping[str, float]) -> Floats:
+        """Predict the channels with the effect less those without it, shape (n, c)."""
         active = [*other_effects, (effect, effect.pick_own_values(values))]
         with_effect = problem.model.predict(problem.trials, values, active)
         return np.asarray(

@@ -85,7 +85,7 @@ def _compare_errors(of_features: "pd.Series[float]", of_records: "pd.Series[floa
 
 
 def _compute_rms(errors: Floats) -> float:
-    """Compute the root mean square; not-a-number where there is nothing."""
+    """Compute the root mean square; NaN without errors."""
     if not errors.size:
         return float("nan")
     return float(np.sqrt(np.mean(errors**2)))

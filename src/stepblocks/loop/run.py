@@ -452,7 +452,7 @@ def _search_without_folds(
     jobs: int,
     announce: Announce | None,
 ) -> list[tuple[str, ...]]:
-    """Search without the trials of each fold, and return the names of the effects it chooses."""
+    """Search once without the trials of each fold, and return the names of the effects found."""
     search_without = partial(
         select_effects_without,
         table.model,

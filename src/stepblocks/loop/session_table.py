@@ -64,7 +64,7 @@ class SessionTable:
     regimes : dict[str, int]
         How many of the trials moved how.
     static_friction : float
-        Median of the tips that stuck before the edge; not-a-number where none did.
+        Median of the tips that stuck before the edge; NaN where none did.
     model : SessionModel
         Starts from the data.
     tip_radius_um : float
@@ -267,7 +267,7 @@ def _count_regimes(table: pd.DataFrame) -> dict[str, int]:
 
 
 def _find_static_friction(table: pd.DataFrame) -> float:
-    """Find the median static friction of the tips that stuck; not-a-number where none did."""
+    """Find the median static friction of the tips that stuck; NaN where none did."""
     if "static_friction" not in table:
         return float("nan")
     return float(table["static_friction"].dropna().median())

@@ -86,7 +86,7 @@ class PooledParameter:
     sessions : Mapping[str, SessionValue]
         By the name of the session.
     equal_p_value : float
-        Chance that sessions of one value differ as much; not-a-number of a single one.
+        Chance that sessions of one value differ as much; NaN of a single one.
     """
 
     unit: str
@@ -98,7 +98,7 @@ class PooledParameter:
     equal_p_value: float = math.nan
 
     def convert_from_logarithm(self) -> "PooledParameter":
-        """Return the number itself of a parameter that was pooled as a logarithm."""
+        """Return the value of a parameter that was pooled as a logarithm."""
         sessions = {}
         for name, session in self.sessions.items():
             value = math.exp(session.value)
@@ -252,7 +252,7 @@ def _join_run_orders(orders: Sequence[Floats]) -> Floats:
 
 
 def _get_censoring_floors(trials: Trials) -> Floats:
-    """Return the floors of the censored values, shape (n, c); not-a-number where there are none."""
+    """Return the floors of the censored values, shape (n, c); NaN where there are none."""
     if trials.floor is None:
         return trials.values * np.nan
     return trials.floor
@@ -281,6 +281,7 @@ def pool_parameter(unit: str, sessions: Mapping[str, float], covariance: Floats)
     apart = np.eye(n) * unit_variance
 
     def compute_misfit(ratio: float) -> float:
+        """Compute the weighted sum of squares less its expectation, n - 1."""
         pooled = GLS(values, np.ones(n), covariance + ratio * apart).fit()
         return float(pooled.ssr) - n + 1.0
 
@@ -317,7 +318,7 @@ def pool_parameter(unit: str, sessions: Mapping[str, float], covariance: Floats)
 
 
 def pool_shared_parameters(fitted: Fit, sessions: Sequence[str]) -> dict[str, PooledParameter]:
-    """List what sessions share and how they differ, by parameter of a fit of all of them.
+    """Pool every parameter of a common fit over the sessions, by the name of the parameter.
 
     Parameters
     ----------

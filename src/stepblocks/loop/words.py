@@ -123,7 +123,7 @@ def format_value(value: float, unit: str, half_width: float = 0.0) -> str:
 
 
 def find_difference_unit(covariate: str) -> str:
-    """Return the unit of differences along a covariate; its name where none is known."""
+    """Return the unit of a difference along a covariate; the covariate's name if none is known."""
     for ending, unit in _COVARIATE_UNITS.items():
         if covariate.endswith(ending):
             return unit
