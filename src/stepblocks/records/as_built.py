@@ -94,7 +94,7 @@ class AsBuilt:
 
 
 def _add_failed_burr(height: AsBuiltValue | None, burr: AsBuiltValue | None) -> float | None:
-    """Add to a height a burr that does not conform [m]; None of no height."""
+    """Add a burr that fails its limit to a height [m]; None without a height."""
     if height is None:
         return None
     if burr is None or burr.verdict != _FAILED:

@@ -229,7 +229,7 @@ class InspectionRecord(BaseModel, frozen=True):
 
     @property
     def is_complete(self) -> bool:
-        """Whether all that the order asks for was measured."""
+        """Whether everything that the order requires was measured."""
         return not any(absent.asked for absent in self.not_measured)
 
     def to_document(self) -> dict[str, Any]:

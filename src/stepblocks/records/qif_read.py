@@ -106,7 +106,7 @@ class _Reader:
     def _find_referenced(
         self, element: etree._Element | None, reference: str
     ) -> etree._Element | None:
-        """Return the element whose id a child of an element holds."""
+        """Return the element to whose id a child of an element refers; None without one."""
         return self.elements.get(_find_text(element, reference))
 
     def _find_factor(self, value: etree._Element, kind: str) -> float:
@@ -150,7 +150,7 @@ class _Reader:
         return lower, upper
 
     def _parse_number(self, text: str) -> float:
-        """Return a number; nan of no text."""
+        """Return a number; NaN for an empty text."""
         if not text:
             return math.nan
         try:

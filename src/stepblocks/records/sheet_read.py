@@ -84,7 +84,7 @@ def _describe_mistake(cells: Mapping[str, str], result: QifResult) -> str:
 
 
 def _parse_number(cell: str, notation: NumberNotation) -> float:
-    """Return the number in a cell; nan where it is none."""
+    """Return the number in a cell; NaN where it holds no number."""
     try:
         return notation.parse(cell)
     except ValueError:
