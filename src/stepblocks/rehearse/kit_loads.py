@@ -18,7 +18,7 @@ _MOST_KEPT = 64  # weights whose budgets are kept
 def match_loads_to_weights(
     kit: Apparatus, loads: Sequence[float]
 ) -> tuple[list[float], list[float]]:
-    """Find the weights that press with some loads.
+    """Replace loads by those of the nearest weights, and list loads that no weight has.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def match_loads_to_weights(
 
 
 def find_nearest_weight(kit: Apparatus, load: float) -> Load:
-    """Find the weight of a kit whose force is nearest to a load [N]."""
+    """Return the weight of a kit whose force is nearest to a load [N]."""
     return min(_list_loads(kit), key=lambda weight: abs(weight.force - load))
 
 
@@ -87,7 +87,7 @@ def draw_load_error(kit: Apparatus, load: float, seed: int, chance: np.random.Ge
 
 
 def _draw_session_share(component: ErrorComponent, weight: Load, seed: int) -> float:
-    """Draw the share of a half width that is the same in all trials of a session."""
+    """Draw the error that all trials of a session share, as a share of the half width."""
     stream = [seed, _CHANCE_OF_THE_KIT, list(ErrorSource).index(component.source)]
     if component.source in _OF_A_WEIGHT:
         stream.append(round(1e6 * weight.mass))
@@ -95,5 +95,5 @@ def _draw_session_share(component: ErrorComponent, weight: Load, seed: int) -> f
 
 
 def find_common_std(kit: Apparatus, loads: Sequence[float]) -> float:
-    """Find the largest uncertainty that some loads [N] have in common to all trials [N]."""
+    """Return the largest standard uncertainty [N] that all trials under some loads [N] share."""
     return max(find_nearest_weight(kit, load).common_std for load in loads)

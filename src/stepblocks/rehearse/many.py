@@ -107,7 +107,7 @@ def simulate_sessions(
 
 
 def _check_seeds(seeds: Sequence[int]) -> None:
-    """Refuse seeds that are none, stand twice, or are out of range."""
+    """Refuse seeds that are missing, repeated or out of range."""
     if not seeds:
         raise PipelineError("seeds must name at least one session, got none")
     for seed in seeds:
@@ -117,7 +117,7 @@ def _check_seeds(seeds: Sequence[int]) -> None:
 
 
 def _make_claim(plan: SessionPlan) -> FolderClaim:
-    """Return what claims the folder of the rehearsals of a plan, whose own seed does not count."""
+    """Return the claim of a plan on its folder of rehearsals, whatever its own seed."""
     content = plan.model_dump(mode="json", exclude={"seed"})
     digest = hash_plan({"plan": content, "stepblocks": __version__})
     return FolderClaim(

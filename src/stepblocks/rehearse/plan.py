@@ -132,7 +132,7 @@ class SessionPlan(Strict):
     apparatus: Apparatus | None = None
 
     def list_blocks(self) -> list[str]:
-        """Names of the blocks."""
+        """List the names of the blocks."""
         return [name_block(height) for height in sorted(set(self.design.heights))]
 
     def list_trial_rows(self) -> list[dict[str, str]]:
@@ -193,7 +193,7 @@ def _draw_walk(random: np.random.Generator, count: int, step: float) -> Array:
 
 
 def name_block(height: float) -> str:
-    """Name of the block with a step of this height [m]."""
+    """Return the name of the block with a step of this height [m]."""
     micrometres = height * 1e6
     whole = round(micrometres)
     if abs(micrometres - whole) < _WHOLE:
@@ -241,7 +241,7 @@ def _load_apparatus(name: object, plan: Path) -> Apparatus:
 def _replace_loads_by_weights(
     plan: SessionPlan, kit: Apparatus, faults: list[Mistake]
 ) -> SessionPlan:
-    """Take the loads of the weights for those asked for; the kit's budget replaces the scatter.
+    """Replace the planned loads by those of the kit's weights, and their scatter by its budget.
 
     What is wrong is added to the faults.
     """

@@ -60,12 +60,12 @@ class Truth:
     release_decay: float = 0.4e-3
 
     def compute_tangential_force(self, since: Array) -> Array:
-        """Return the tangential force at times since the release, shape (n,) [s], [N]."""
+        """Return the tangential force [N] at times since the release [s], shape (n,)."""
         remainder = self.peak_force - self.sliding_force - self.amplitude
         return self._compute_ringing_force(since) + remainder * np.exp(-since / self.release_decay)
 
     def _compute_ringing_force(self, since: Array) -> Array:
-        """Return the ring about the sliding force; see `compute_tangential_force`."""
+        """Return the ringing force about the sliding force [N]; see `compute_tangential_force`."""
         if self.gap > 0.0:
             start = (self.sliding_force + self.amplitude, -self.amplitude / self.decay_time)
             tool = Tool(self.frequency, self.decay_time)
@@ -77,7 +77,7 @@ class Truth:
         return np.asarray(self.sliding_force + ring, dtype=float)
 
     def compute_normal_force(self, since: Array) -> Array:
-        """Return the normal force at times since the release, shape (n,) [s], [N]."""
+        """Return the normal force [N] at times since the release [s], shape (n,)."""
         phase = 2.0 * math.pi * self.frequency * since
         fading = np.exp(-since / self.decay_time) * np.cos(phase + _SYMPATHETIC_PHASE)
         ring = self.sympathetic * self.amplitude * fading

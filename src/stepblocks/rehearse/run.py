@@ -157,7 +157,7 @@ def _write_scans(plan: SessionPlan, heights: Mapping[float, float], folder: Path
 
 
 def _find_constant_rounding(effect: PlantedEffect) -> float:
-    """Return what an effect adds to the contact geometry as a constant [m]: a scan shows it."""
+    """Return the constant edge rounding that an effect causes and a scan shows [m]."""
     if effect.law == "edge_rounding":
         return effect.parameters.get("edge_radius_m", 0.0)
     if effect.law:
@@ -300,7 +300,7 @@ scans = "scans/{{block}}.csv"
 
 
 def _format_load_calibration(plan: SessionPlan) -> str:
-    """Write what the budget of the kit says of the load; nothing where the plan names none."""
+    """Write the ``[calibration]`` table of the load by the kit's budget; empty without a kit."""
     if plan.apparatus is None:
         return ""
     std = find_common_std(plan.apparatus, plan.design.loads)

@@ -51,6 +51,7 @@ def open_writer(folder: Path, kind: str) -> Iterator[Write]:
 
 
 def _write_csv(folder: Path, trial: int, trace: Trace) -> None:
+    """Write a trial as a text file of three columns."""
     path = folder / TRACE_FILES["csv"].format(trial=trial)
     np.savetxt(
         path,
@@ -68,6 +69,7 @@ def _pair_columns(trace: Trace) -> Iterator[tuple[str, Array]]:
 
 
 def _write_hdf5_group(group: "h5py.Group", trace: Trace) -> None:
+    """Write a trial as a group of HDF5, a dataset for each column."""
     for name, values in _pair_columns(trace):
         group.create_dataset(
             name, data=values.astype(np.float32), compression="gzip", track_times=False

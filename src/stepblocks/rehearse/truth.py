@@ -156,7 +156,7 @@ def _add_scatter(plan: SessionPlan, state: DragState, chance: np.random.Generato
 
 
 def _is_physical(state: DragState) -> bool:
-    """Tell whether all is positive that must be."""
+    """Tell whether all quantities that must be positive are so."""
     positive = np.stack(
         [state.load, state.friction, state.stiffness, state.conversion, state.height]
     )
@@ -214,7 +214,7 @@ def compute_truth(plan: SessionPlan, state: DragState) -> Truth | None:
 
 
 def build_drag_inputs(plan: SessionPlan, state: DragState) -> tuple[Step, OperatingPoint, float]:
-    """Return the trial in the form that the drag in time takes.
+    """Return step, operating point and steady pull of a trial, as the drag in time takes them.
 
     Returns
     -------
