@@ -112,7 +112,7 @@ def build_bench_design(
 
 
 def parse_tip_radius_um(tip: str, default: float) -> float:
-    """Radius of a tip from its name, ``tip-125`` for 125 um.
+    """Return the radius of a tip [um] from its label, such as ``tip-125``.
 
     `default` where the name has no number.
     """
@@ -135,7 +135,7 @@ def read_tip_radii(tips: Iterable[str], declared_um: float, place: str = "") -> 
 
 
 def name_height_error(block: str) -> str:
-    """Name of the height error of a block."""
+    """Return the name of the height error of a block."""
     return f"height_error[{block}]"
 
 
@@ -267,7 +267,7 @@ def build_extended_state(
 
 
 def _rank_in_order_of_application(law: Law) -> tuple[bool, bool]:
-    """Find when a law is applied: after those of which it needs the peak or the contact."""
+    """Return the key that sorts laws by their order of application: after what they need."""
     follows_peak = law.given and law.covariate == PEAK_FORCE
     return follows_peak, law.slot == "conversion"
 
@@ -282,7 +282,7 @@ def list_covariate_columns(covariate: str) -> tuple[str, ...]:
 def select_covariate(
     design: BenchDesign, state: DragState, covariate: str
 ) -> NDArray[np.generic] | None:
-    """Column of the design, or quantity of the state, that an effect follows."""
+    """Return the column of the design, or quantity of the state, that an effect follows."""
     if covariate == "none":
         return None
     if covariate == "block":

@@ -97,7 +97,7 @@ class DragState:
         return np.minimum(np.maximum(self._compute_open_angle(), -1.0), _STEEPEST)
 
     def find_locked(self) -> NDArray[np.bool_]:
-        """Where the tip never climbs."""
+        """Mark the trials in which the tip never climbs."""
         is_steep = self._compute_open_angle() >= 0.5 * np.pi
         is_riser = self.height >= self.radius
         return np.asarray(is_steep | is_riser)
@@ -144,7 +144,7 @@ class DragState:
 
 
 def indent_edge(state: DragState, depth: float | Floats, power: float | Floats) -> DragState:
-    """Let the edge press its way into the ball, or the block into what holds it.
+    """Let the edge indent the ball, or press the block into its holder.
 
     `depth` is that at 1 N [m], and follows the force across the edge with a power.
     """
@@ -193,7 +193,7 @@ class _Shown(NamedTuple):
 
 
 def _lose_energy(state: DragState, energy: Floats) -> Floats:
-    """Take off what is lost before the ring [J]; what is left never turns negative."""
+    """Subtract the energy that is lost before the ring [J]; the result stays positive."""
     if not state.lost_energy.any():
         return energy
     left = energy - state.lost_energy

@@ -18,7 +18,7 @@ _LEAST_LOAD = 1e-3  # where a fit strays [N]
 
 
 def _follow_speed(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
-    """Let the share follow a power of the speed."""
+    """Let the share of stored energy that becomes vibration follow a power of the speed."""
     factor = (state.speed / _SPEED) ** values["exponent"]
     return state.scaled(conversion=factor)
 
@@ -26,7 +26,7 @@ def _follow_speed(state: DragState, _: object, values: Mapping[str, float]) -> D
 def _follow_temperature(
     state: DragState, celsius: Floats, values: Mapping[str, float]
 ) -> DragState:
-    """Let the share follow the temperature [C]."""
+    """Let the share of stored energy that becomes vibration follow the temperature [C]."""
     warmth = celsius - ROOM_TEMPERATURE
     factor = np.exp(values["rate_per_k"] * warmth)
     return state.scaled(conversion=factor)
@@ -57,7 +57,7 @@ def _move_tip(state: DragState, _: object, values: Mapping[str, float]) -> DragS
 
 
 def _spend_work(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
-    """Take the work of lifting the tip and rubbing over the step off the ring."""
+    """Take a share of the work of lifting the tip and rubbing over the step from the ring."""
     square = state.height * (2.0 * state.radius - state.height)
     reach = np.sqrt(np.maximum(square, 0.0))
     work = state.load * (state.height + state.friction * reach)

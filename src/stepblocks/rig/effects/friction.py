@@ -30,13 +30,13 @@ def _fall_with_load(state: DragState, _: object, values: Mapping[str, float]) ->
 
 
 def _add_adhesion(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
-    """Let adhesion press the tip on, so that friction adds a force that no load makes."""
+    """Let adhesion press the tip on: it adds a friction force that does not depend on the load."""
     added = values["adhesion_n"] / np.maximum(state.load, _LEAST_LOAD)
     return state.shifted(friction=added)
 
 
 def _change_on_edge(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
-    """Let an edge that is ground, coated or worn rub otherwise than the faces."""
+    """Let friction on the edge differ by a factor from that on the faces."""
     return state.scaled(edge_factor=values["edge_over_face"])
 
 
@@ -70,13 +70,13 @@ def _thin_film(state: DragState, ratio: Floats, values: Mapping[str, float]) -> 
 def _follow_previous_load(
     state: DragState, before: Floats, values: Mapping[str, float]
 ) -> DragState:
-    """Let friction follow the load of the trial before [N]."""
+    """Let friction follow the load of the trial before, `before` [N]."""
     factor = (before / _LOAD) ** values["exponent"]
     return state.scaled(friction=factor)
 
 
 def _settle(state: DragState, order: Floats, values: Mapping[str, float]) -> DragState:
-    """Let friction settle over a number of trials."""
+    """Let friction begin with an excess that decays over a number of trials."""
     fading = np.exp(-order / values["settling_trials"])
     factor = np.maximum(1.0 + values["excess"] * fading, _LEAST_FACTOR)
     return state.scaled(friction=factor)
@@ -92,7 +92,7 @@ def _make_settling_law(
     description: str,
     how_to_decide: str,
 ) -> Law:
-    """Make the effect of a fresh contact, or of one that a rest has changed.
+    """Make the law of friction that settles after a fresh contact, or after a rest.
 
     It settles over so many `trials`, and over `least` at least.
     """

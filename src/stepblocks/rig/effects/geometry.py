@@ -61,7 +61,7 @@ def _change_block_height(
 
 
 def _make_indentation_law(variant: str, power: float, rank: int) -> Law:
-    """Make the effect of a ball on the edge after Hertz, or of whatever holds block or tip."""
+    """Make the law of an edge that indents the ball after Hertz, or of a yielding holder."""
     return _geometry(
         f"elastic_indentation{variant}",
         f"cos a = (R - H) / (R - d N^p), p = {power:.3g}, N = F_py cos(atan mu) / cos(a + "
@@ -75,7 +75,7 @@ def _make_indentation_law(variant: str, power: float, rank: int) -> Law:
 
 
 def make_height_error_law(block: str) -> Law:
-    """Make the effect of a block far from its nominal height.
+    """Make the law of a block far from its nominal height.
 
     Small errors are priors of the nominal model.
     """
@@ -92,10 +92,10 @@ def make_height_error_law(block: str) -> Law:
 
 
 def make_exchange_law(first: str, second: str) -> Law:
-    """Make the effect of two blocks whose labels are exchanged throughout a session."""
+    """Make the law of two blocks whose labels are exchanged throughout a session."""
 
     def exchange(state: DragState, blocks: Labels, values: Mapping[str, float]) -> DragState:
-        """Add the difference to the one block and take it off the other."""
+        """Add the difference to the first block and take it from the second."""
         direction = (blocks == first).astype(np.float64) - (blocks == second)
         difference = values["difference_m"] * direction
         return state.shifted(height=difference)

@@ -67,7 +67,7 @@ def _load_laws(path: Path, changed_ns: int) -> tuple[Law, ...]:
 
 @cache
 def find_entry_points(group: str) -> metadata.EntryPoints:
-    """Find the entry points of a group, once: a file of every installed package is read."""
+    """Return the entry points of a group, searched only once: it reads every installed package."""
     return metadata.entry_points(group=group)
 
 

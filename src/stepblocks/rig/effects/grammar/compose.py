@@ -14,7 +14,7 @@ from stepblocks.rig.state import Floats
 
 
 def list_composed_laws(covariates: Sequence[CovariateRange]) -> tuple[Law, ...]:
-    """Return every shape of every slot over every covariate.
+    """Return the laws of every shape of every slot over every covariate.
 
     What the log implies, such as the passes over a block, moves a few slots alone.
     """
@@ -35,7 +35,7 @@ def _name_columns(laws: Sequence[Law], covariate: CovariateRange) -> list[Law]:
 
 
 def _make_added_load_law(covariate: CovariateRange) -> Law:
-    """Let each label press by a force of its own more than the weights."""
+    """Make the law by which each label adds a load of its own to that of the weights."""
     names = []
     parameters = []
     for label in covariate.labels:
@@ -44,6 +44,7 @@ def _make_added_load_law(covariate: CovariateRange) -> Law:
         parameters.append(Parameter(name, "N", 0.0, -0.3, 0.6, 0.01))
 
     def add(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
+        """Return the load that each label adds [N], shape (n,)."""
         labels = np.asarray(column)
         added = np.zeros(len(labels))
         for label, name in zip(covariate.labels, names, strict=True):

@@ -37,7 +37,7 @@ def read_numbers(column: NDArray[np.generic]) -> Floats:
 
 
 def make_column_size(basis: Callable[[NDArray[np.generic]], Floats], names: Names) -> Size:
-    """Size of a change that is a sum of columns, each by its amplitude.
+    """Make the size of a change that is a sum of columns, each times its amplitude.
 
     A fit asks for the same column hundreds of times; the reference that is kept makes its identity
     safe.
@@ -46,6 +46,7 @@ def make_column_size(basis: Callable[[NDArray[np.generic]], Floats], names: Name
     columns: Floats = np.empty(0)
 
     def follow(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
+        """Return the sum of the columns, each times its amplitude, shape (n,)."""
         nonlocal last_column, columns
         if last_column is not column:
             last_column, columns = column, basis(column)
@@ -55,7 +56,7 @@ def make_column_size(basis: Callable[[NDArray[np.generic]], Floats], names: Name
 
 
 def can_locate_change(covariate: CovariateRange) -> bool:
-    """Tell whether a covariate takes enough numbers to show where something changes."""
+    """Tell whether a covariate takes enough distinct numbers to locate a change along it."""
     return covariate.is_number and covariate.distinct > 2 * STEP_SHAPES
 
 

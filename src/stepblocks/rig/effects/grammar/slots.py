@@ -15,9 +15,10 @@ Change = Callable[[DragState, Floats], DragState]
 
 
 def _make_scaling(between: tuple[float, float] | None = None, **powers: float) -> Change:
-    """Multiply each slot by a power of exp g, where g may be held between two bounds."""
+    """Make a change that multiplies each slot by a power of exp g, with g held in bounds."""
 
     def scale(state: DragState, g: Floats) -> DragState:
+        """Return the state with each slot multiplied by its power of exp g."""
         held = g
         if between is not None:
             held = np.clip(g, *between)
@@ -30,9 +31,10 @@ def _make_scaling(between: tuple[float, float] | None = None, **powers: float) -
 
 
 def make_shift(*slots: str, by: float = 0.1) -> Change:
-    """Add `by` times g to each slot, in its unit."""
+    """Make a change that adds `by` times g to each slot, in its unit."""
 
     def shift(state: DragState, g: Floats) -> DragState:
+        """Return the state with `by` times g added to each slot."""
         shifted = {}
         for slot in slots:
             shifted[slot] = getattr(state, slot) + by * g

@@ -26,7 +26,7 @@ def list_group_lines(slot: str, covariate: CovariateRange) -> list[Law]:
 
 
 def _make_group_lines(slot: str, covariate: CovariateRange) -> Law:
-    """Let a slot follow a number along a line for each label."""
+    """Make the law of a slot that follows a number along a line of its own for each label."""
     move = SLOT_MOVES[slot]
     groups, number = covariate.pair
     curve, followed = "a line", number.name

@@ -45,7 +45,7 @@ def list_jumps(slot: str, covariate: CovariateRange) -> list[Law]:
 
 
 def make_step_size(covariate: CovariateRange, sizes: Names, places: Names) -> Size:
-    """Size of a change that goes from level to level where a covariate passes the places.
+    """Make the size of a change from level to level where a covariate passes the places.
 
     `sizes` and `places` are the names of the parameters; each size counts from the first level.
     The change itself is as wide as two readings are apart: a place between them leaves both at
@@ -54,6 +54,7 @@ def make_step_size(covariate: CovariateRange, sizes: Names, places: Names) -> Si
     width = covariate.spacing
 
     def step(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
+        """Return the level of each trial, shape (n,)."""
         numbers = read_numbers(column)
         past = numbers[:, None] - take_values(values, places)
         levels = take_values(values, sizes)
@@ -78,7 +79,7 @@ def make_step_place(covariate: CovariateRange) -> Parameter:
 def list_start_places(
     covariate: CovariateRange, places: Names, shares: NDArray[np.float64]
 ) -> tuple[dict[str, float], ...]:
-    """List where a search looks for the places, by shares of the range, shape (n, places)."""
+    """List the places at which a search begins, by shares of the range, shape (n, places)."""
     reach = covariate.high - covariate.low
     shapes = []
     for row in shares.tolist():
@@ -90,7 +91,7 @@ def list_start_places(
 
 
 def _make_jump(slot: str, covariate: CovariateRange) -> Law:
-    """Change a slot at once where a covariate passes a value."""
+    """Make the law of a slot that changes at once where a covariate passes a value."""
     move = SLOT_MOVES[slot]
     place = make_step_place(covariate)
     size = Parameter("step", "1", 0.0, -3.0, 3.0, 0.1)
@@ -118,7 +119,7 @@ def _make_jump(slot: str, covariate: CovariateRange) -> Law:
 
 
 def _make_chip(covariate: CovariateRange) -> Law:
-    """Change the radius of the tip at once along the run."""
+    """Make the law of a tip radius that changes at once along the run."""
     place = make_step_place(covariate)
     size = Parameter("radius_step_m", "m", 0.0, -1e-4, 3e-4, 3e-6)
     shares = np.arange(0.5, STEP_SHAPES)[:, None] / STEP_SHAPES
@@ -139,7 +140,7 @@ def _make_chip(covariate: CovariateRange) -> Law:
 
 
 def _make_levels(slot: str, covariate: CovariateRange, levels: int) -> Law:
-    """Let a slot go from level to level along the run, each counted from the first."""
+    """Make the law of a slot that goes from level to level along the run."""
     move = SLOT_MOVES[slot]
     size = Parameter("step", "1", 0.0, -3.0, 3.0, 0.1)
     place = make_step_place(covariate)

@@ -30,7 +30,7 @@ def list_lines(slot: str, covariate: CovariateRange) -> list[Law]:
 
 
 def _make_line(slot: str, covariate: CovariateRange) -> Law:
-    """Let a slot follow a covariate along a line, from -1 to 1 times the slope over its range."""
+    """Make the law of a slot that follows a covariate along a straight line."""
     move = SLOT_MOVES[slot]
     is_drift = covariate.name == RUN and slot in JUMPING_SLOTS
     followed = covariate.name
@@ -66,6 +66,6 @@ def _make_line(slot: str, covariate: CovariateRange) -> Law:
 
 
 def _make_line_over_numbers(slot: str, covariate: CovariateRange) -> Law:
-    """Let a slot follow the numbers of a covariate whose power is another law."""
+    """Make the law of a line over a covariate whose power is another law."""
     line = _make_line(slot, covariate)
     return replace(line, id=f"{line.id}~line", rank=11)

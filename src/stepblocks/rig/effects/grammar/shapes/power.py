@@ -26,11 +26,12 @@ def list_powers(slot: str, covariate: CovariateRange) -> list[Law]:
 
 
 def _make_power(slot: str, covariate: CovariateRange) -> Law:
-    """Let a slot follow a power of a covariate, 1 in the middle of its range by logarithms."""
+    """Make the law of a power of a covariate, 1 at the logarithmic middle of its range."""
     move = SLOT_MOVES[slot]
     middle = float(np.sqrt(covariate.low * covariate.high))
 
     def take_logarithm(column: NDArray[np.generic]) -> Floats:
+        """Return the logarithm of the covariate over the middle of its range."""
         numbers = read_numbers(column)
         inside = np.clip(numbers, covariate.low, covariate.high)
         logarithm = np.log(inside / middle)

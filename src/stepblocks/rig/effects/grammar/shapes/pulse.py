@@ -27,18 +27,19 @@ def list_pulses(slot: str, covariate: CovariateRange) -> list[Law]:
 
 
 def _make_pulse_end(name: str, covariate: CovariateRange, share: float) -> Parameter:
-    """Make an end of a stretch anywhere along the run; a fit begins at a share of the run."""
+    """Make the parameter of one end of a pulse; a fit starts it at a share of the run."""
     reach = covariate.high - covariate.low
     start = covariate.low + share * reach
     return Parameter(name, "1", start, covariate.low, covariate.high, 0.02 * reach)
 
 
 def _make_pulse(slot: str, covariate: CovariateRange) -> Law:
-    """Let a slot have another level from one trial to another."""
+    """Make the law of a slot that has another level from one trial to a later one."""
     move = SLOT_MOVES[slot]
     rise = make_step_size(covariate, ("step", "back"), (_FROM, _UNTIL))
 
     def pulse(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
+        """Return the level of the pulse in each trial, shape (n,)."""
         return rise(column, {**values, "back": 0.0})
 
     size = Parameter("step", "1", 0.0, -3.0, 3.0, 0.1)

@@ -28,11 +28,12 @@ def list_reciprocals(slot: str, covariate: CovariateRange) -> list[Law]:
 
 
 def _make_reciprocal(slot: str, covariate: CovariateRange) -> Law:
-    """Let a slot follow the reciprocal of a covariate, zero in the middle by logarithms."""
+    """Make the law of a reciprocal of a covariate, zero at the logarithmic middle of its range."""
     move = SLOT_MOVES[slot]
     middle = float(np.sqrt(covariate.low * covariate.high))
 
     def invert(column: NDArray[np.generic]) -> Floats:
+        """Return the reciprocal of the covariate, zero at the middle, shape (n, 1)."""
         numbers = read_numbers(column)
         inside = np.clip(numbers, covariate.low, covariate.high)
         excess = middle / inside - 1.0

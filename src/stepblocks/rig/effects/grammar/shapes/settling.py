@@ -25,11 +25,12 @@ def list_settlings(slot: str, covariate: CovariateRange) -> list[Law]:
 
 
 def _make_settling(slot: str, covariate: CovariateRange) -> Law:
-    """Let a slot begin elsewhere and settle, over half the run at most: later it is a drift."""
+    """Make the law of a slot that settles within half the run; a slower change is a drift."""
     move = SLOT_MOVES[slot]
     reach = covariate.high - covariate.low
 
     def settle(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
+        """Return the excess that is left in each trial, shape (n,)."""
         passed = read_numbers(column) - covariate.low
         fading = np.exp(-passed / values["settling_trials"])
         return np.asarray(values["excess"] * fading)

@@ -16,7 +16,7 @@ def list_smooths(slot: str, covariate: CovariateRange) -> list[Law]:
 
 
 def _make_levels(slot: str, covariate: CovariateRange) -> Law:
-    """Let a slot take a level for each label."""
+    """Make the law of a slot that has a level for each label."""
     move = SLOT_MOVES[slot]
     reference, *further = covariate.labels
     names = tuple(f"g[{label}]" for label in further)
@@ -39,7 +39,7 @@ def _make_levels(slot: str, covariate: CovariateRange) -> Law:
 
 
 def _make_smooth(slot: str, covariate: CovariateRange) -> Law:
-    """Let a slot follow a covariate along a smooth; of blocks, have any level on each."""
+    """Make the law of a slot that follows a covariate smoothly, or has any level on each block."""
     move = SLOT_MOVES[slot]
     names = tuple(f"g{number}" for number in range(1, covariate.smooth_column_count + 1))
     change = SizedChange(move.change, make_column_size(covariate.build_basis, names))

@@ -26,7 +26,7 @@ def list_swings(slot: str, covariate: CovariateRange) -> list[Law]:
 
 
 def _make_swing(slot: str, covariate: CovariateRange) -> Law:
-    """Let a slot swing along the run.
+    """Make the law of a slot that swings along the run.
 
     Any period from a few trials to three quarters of the run may be found: what went up and down
     once need not come back.
@@ -38,6 +38,7 @@ def _make_swing(slot: str, covariate: CovariateRange) -> Law:
     period = Parameter("period_trials", "1", 0.5 * reach, 0.8 * _SHORTEST_PERIOD, 0.75 * reach, 0.5)
 
     def swing(order: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
+        """Return the deflection of the swing in each trial, shape (n,)."""
         phase = 2.0 * np.pi * read_numbers(order) / values["period_trials"]
         in_phase = values["cosine"] * np.cos(phase)
         in_quadrature = values["sine"] * np.sin(phase)

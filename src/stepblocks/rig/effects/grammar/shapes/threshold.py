@@ -29,7 +29,7 @@ def list_thresholds(slot: str, covariate: CovariateRange) -> list[Law]:
 
 
 def _make_place(covariate: CovariateRange) -> Parameter:
-    """Make the place from which, or up to which, a slot changes: within the inner range."""
+    """Make the parameter of the place beyond, or up to, which a slot changes."""
     reach = covariate.high - covariate.low
     middle = covariate.low + 0.5 * reach
     lowest = covariate.low + _EDGE * reach
@@ -44,11 +44,12 @@ def _list_start_places(covariate: CovariateRange) -> tuple[dict[str, float], ...
 
 
 def _make_threshold(slot: str, covariate: CovariateRange) -> Law:
-    """Let a slot change along a line from a place on."""
+    """Make the law of a slot that changes along a line beyond a place."""
     move = SLOT_MOVES[slot]
     high = covariate.high
 
     def rise(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
+        """Return the change along the line in each trial, shape (n,)."""
         place = values["at"]
         numbers = read_numbers(column)
         beyond = np.clip(numbers, place, high) - place
@@ -76,11 +77,12 @@ def _make_threshold(slot: str, covariate: CovariateRange) -> Law:
 
 
 def _make_saturation(slot: str, covariate: CovariateRange) -> Law:
-    """Let a slot change along a line up to a place, and no more beyond it."""
+    """Make the law of a slot that changes along a line up to a place, and not beyond it."""
     move = SLOT_MOVES[slot]
     low = covariate.low
 
     def rise(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
+        """Return the change along the line in each trial, shape (n,)."""
         place = values["at"]
         numbers = read_numbers(column)
         passed = np.clip(numbers, low, place) - low
@@ -107,7 +109,7 @@ def _make_saturation(slot: str, covariate: CovariateRange) -> Law:
 
 
 def _describe_threshold(covariate: CovariateRange) -> str:
-    """Say in words what a place is a place of."""
+    """Describe the threshold in words, to be followed by its value."""
     if covariate.name == RUN:
         return "from trial"
     return f"from a {name_covariate(covariate)} of"
