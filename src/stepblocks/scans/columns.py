@@ -30,7 +30,7 @@ class Columns:
     y: int | None = None
 
     def list_axes(self) -> dict[str, int]:
-        """List the columns by the letters of their axes."""
+        """Return the indices of the columns by the letters of their axes."""
         if self.y is None:
             return {"x": self.x, "z": self.z}
         return {"x": self.x, "y": self.y, "z": self.z}
@@ -107,7 +107,7 @@ def _choose_by_clear_names(table: NumberTable, candidates: list[int]) -> Columns
 
 
 def _drop_constant_position(table: NumberTable, columns: Columns) -> Columns:
-    """Take a map for a profile where one of its positions is the same in all points."""
+    """Turn a map into a profile where one of its positions is constant."""
     if columns.y is None:
         return columns
     x, y = (table.values[:, column] for column in (columns.x, columns.y))

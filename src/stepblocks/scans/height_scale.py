@@ -116,6 +116,7 @@ def _read_archive_scale(
 def _read_header_scale(
     path: Path, read: Callable[[bytes, str], HeightScale | None], channel: str
 ) -> HeightScale | None:
+    """Read the height scale from the header of a file; damage is an error of ours."""
     try:
         with path.open("rb") as file:
             return read(file.read(_HEADER_BYTES), channel)
@@ -124,6 +125,7 @@ def _read_header_scale(
 
 
 def _make_damage_error(part: str, error: Exception, path: Path) -> MetrologyError:
+    """Make the error of a part of a file that does not state its height scale."""
     reason = getattr(error, "strerror", None) or error
     return MetrologyError(f"{part} must state the height scale, got {reason} [{path.name}]")
 
@@ -226,6 +228,7 @@ def _read_nid_scale(head: bytes, channel: str) -> HeightScale:
 
 
 def _name_nid_channel(fields: dict[str, str]) -> str:
+    """Return the name of a channel of Nanosurf, such as ``Scan forward (Z-Axis)``."""
     return f"{fields.get('Frame', '').strip()} ({fields.get('Dim2Name', '').strip()})"
 
 
@@ -364,6 +367,7 @@ def _parse_xml_member(archive: zipfile.ZipFile, name: str) -> ElementTree.Elemen
 
 
 def _get_required_text(index: ElementTree.Element, path: str) -> str:
+    """Return the text of an element; refuse an index without it."""
     text = index.findtext(path)
     if text is None:
         raise ValueError(f"no {path}")
@@ -373,7 +377,7 @@ def _get_required_text(index: ElementTree.Element, path: str) -> str:
 def _find_stored_range(
     archive: zipfile.ZipFile, name: str, number_type: str
 ) -> tuple[float, float]:
-    """Find the least and the largest stored number, chunk by chunk: a member may be large."""
+    """Return the least and the greatest stored number of an archive member, read in chunks."""
     lowest = np.inf
     highest = -np.inf
     with archive.open(name) as file:

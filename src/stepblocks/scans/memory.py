@@ -230,4 +230,5 @@ def _find_step(positions: Array, name: str) -> float:
 
 
 def _find_sign(step: float) -> int:
+    """Return -1 for a step backwards, else 1."""
     return -1 if step < 0.0 else 1

@@ -111,6 +111,7 @@ def read_scan(
 
 
 def _read_in_worker(path: Path, unit: str | None, channel: str | None) -> LoadedScan:
+    """Read a scan in a confined process."""
     content = read_confined(
         f"{__name__}:read_scan_in_worker", path, unit or "", channel or "", raises=MetrologyError
     )
@@ -121,7 +122,7 @@ def _read_in_worker(path: Path, unit: str | None, channel: str | None) -> Loaded
 
 
 def read_scan_in_worker(path: Path, unit: str = "", channel: str = "") -> dict[str, object]:
-    """Read a scan in the confined process; the result has the fields of the scan by name."""
+    """Read a scan in the confined process; return the fields of the scan by name."""
     if zipfile.is_zipfile(path):
         check_archive(path)
     found = find_reader(path).read(path, ReadOptions(unit or None, channel or None))

@@ -170,13 +170,14 @@ class HeightMap:
 
 
 def _format_place(source: str) -> str:
+    """Return the source in brackets for an error; empty without a source."""
     if not source:
         return ""
     return f" [{source}]"
 
 
 def _refuse_impossible_lengths(name: str, values: Array, place: str) -> None:
-    """Refuse positions or heights [m] that no scanned surface can have."""
+    """Refuse positions or heights [m] that are too far out for any scanned surface."""
     farthest = np.nanmax(np.abs(values))
     if farthest > _FARTHEST:
         raise MetrologyError(f"{name} must lie within {_FARTHEST:g} m, got {farthest:g} m{place}")
@@ -223,6 +224,7 @@ def crop_map(scan: ScannedProfile | HeightMap, area: Sequence[float]) -> HeightM
 
 
 def _make_area_error(area: Sequence[float], kind: str) -> MetrologyError:
+    """Make the error of an area that does not fit a scan of a kind."""
     return MetrologyError(
         "area must be four lengths on a map, from and to along x, from and to along y, got "
         f"{len(area)} on a {kind}"

@@ -225,6 +225,7 @@ def _find_missing_heights(table: NumberTable, heights: Array) -> FillFound:
 
 
 def _make_map_of_points(axes: Mapping[str, _Axis], scale: str, source: str) -> HeightMap:
+    """Make a map of points that lie on a grid."""
     x, y, z = (axes[name].values for name in "xyz")
     return replace(grid_points(x, y, z, source, scale), count=axes["z"].measure_last_digit())
 
@@ -261,6 +262,7 @@ def _find_axes(
 
 
 def _describe_units(axes: Mapping[str, _Axis], unit: str | None) -> str:
+    """Say where the units of the columns come from."""
     names = [axis.name for axis in axes.values() if axis.name]
     if names:
         return f"columns {', '.join(names)}"
@@ -310,7 +312,7 @@ def _fit_equal_steps(x: Array, last_digit: float) -> Array | None:
 
 
 def _moves_points(x: Array, even: Array) -> bool:
-    """Tell whether equal steps move a point by more than rounding does."""
+    """Tell whether equal steps move any point by more than rounding explains."""
     length = abs(float(x[-1] - x[0]))
     return float(np.abs(even - x).max()) > 1e-9 * length
 

@@ -69,7 +69,7 @@ class NumberTable:
     notes: tuple[str, ...] = ()
 
     def name_row(self, row: int) -> str:
-        """Say where a row stands, counted from 0."""
+        """Say where a row stands in its source; `row` counts from 0."""
         if not self.places:
             return f"{self.source}, row {row + 1}"
         return f"{self.source}, line {self.places[row]}"
@@ -326,7 +326,7 @@ def _list_notations(declared: TableLayout) -> Sequence[NumberNotation]:
 
 
 def _list_declared_words(declared: TableLayout) -> frozenset[str]:
-    """Return the words that are declared to stand for a missing point."""
+    """Return the declared words for a missing point."""
     values = declared.missing_values
     if values is None:
         return frozenset()
@@ -456,7 +456,7 @@ def _parse_row(fields: Sequence[str], layout: _Layout) -> list[float] | None:
 
 
 def _make_line_error(line: str, number: int, layout: _Layout, source: str) -> MetrologyError:
-    """Say which line of a table is none of its rows, and which of its fields is no number."""
+    """Make the error of a broken line, with the field that is not a number."""
     notation = layout.notation
     try:
         fields = notation.split_line(line)

@@ -109,6 +109,7 @@ def parse_units(unit: str | None) -> dict[str, StoredLength]:
 
 
 def _make_unit_error(unit: str) -> MetrologyError:
+    """Make the error of a unit that is not known."""
     return MetrologyError(
         f"unit must be one of nm, um, mm, m, or by axis as x=mm,z=um, got {unit!r}"
     )

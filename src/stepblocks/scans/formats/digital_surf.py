@@ -51,7 +51,7 @@ def _encode_unit(name: bytes) -> bytes:
 
 
 def _decompress(raw: bytes, place: str) -> bytes:
-    """Make a plain file of a compressed one.
+    """Decompress a file into one of the plain form.
 
     Behind 512 bytes of header and the comments stands a directory of deflated pieces: their number,
     then size and packed size of each.

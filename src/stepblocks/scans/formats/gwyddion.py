@@ -176,6 +176,7 @@ def _read_size(body: bytes, begin: int) -> int:
 
 
 def _make_truncation_error() -> ValueError:
+    """Make the error of a file that is cut short."""
     return ValueError("a file that is cut short")
 
 

@@ -103,6 +103,7 @@ class SurfaceTopographyReader(ScanReader):
         return list(map(_name_channel, self._open(path).channels))
 
     def _open(self, path: Path) -> "ReaderBase":
+        """Open a file by its format of SurfaceTopography."""
         from SurfaceTopography import open_topography
 
         return open_topography(self.prepare(path), format=self.form)
@@ -122,6 +123,7 @@ class TextMatrixReader(SurfaceTopographyReader):
 
 
 def _name_channel(channel: "ChannelInfo") -> str:
+    """Return name and unit of a channel, as ``height [um]``."""
     return f"{channel.name} [{channel.unit}]"
 
 

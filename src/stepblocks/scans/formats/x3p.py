@@ -34,6 +34,7 @@ class X3pReader(ScanReader):
 
 
 def _make_profile(layer: "ProfileLayer", source: str) -> ScannedProfile:
+    """Make a profile of a layer."""
     position = layer.x
     if position is None:
         position = np.arange(len(layer.z), dtype=np.float64) * layer.header.x.increment
@@ -53,6 +54,7 @@ def _make_map(layer: "Layer", source: str) -> HeightMap:
 
 
 def _flatten(values: object) -> Array:
+    """Return values as one row of float64, shape (n,)."""
     return np.ravel(np.asarray(values, dtype=np.float64))
 
 
