@@ -155,32 +155,30 @@ class Systematic:
 
 @runtime_checkable
 class ForwardModel(Protocol):
-    """What the search asks of a model.
-
-    ``quantities`` names what scatters from trial to trial; ``responses`` has one entry for each.
-    """
+    """What the search requires of a model."""
 
     @property
-    def quantities(self) -> Sequence[str]: ...
+    def quantities(self) -> Sequence[str]:
+        """Names of the k quantities that scatter from trial to trial."""
 
-    # the trials in time, shape (n,)
-    def order(self, trials: "Trials") -> Floats: ...
+    def order(self, trials: "Trials") -> Floats:
+        """Return the place of each trial in time, shape (n,)."""
 
-    # one label for each trial; trials of equal labels are replicates
-    def cells(self, trials: "Trials") -> Sequence[object]: ...
+    def cells(self, trials: "Trials") -> Sequence[object]:
+        """Return a label for each trial; trials of equal labels are replicates."""
 
-    # of the nominal model
-    def parameters(self, trials: "Trials") -> Sequence[Parameter]: ...
+    def parameters(self, trials: "Trials") -> Sequence[Parameter]:
+        """Return the parameters of the nominal model."""
 
-    # errors that trials share
-    def systematics(self, trials: "Trials") -> Sequence[Systematic]: ...
+    def systematics(self, trials: "Trials") -> Sequence[Systematic]:
+        """Return the errors that trials share."""
 
-    # all channels, shape (n, c)
     def predict(
         self, trials: "Trials", values: Mapping[str, float], effects: Active = ()
-    ) -> Floats: ...
+    ) -> Floats:
+        """Predict all channels, shape (n, c)."""
 
-    # change of all channels per unit of each quantity, shape (n, c, k)
     def responses(
         self, trials: "Trials", values: Mapping[str, float], effects: Active = ()
-    ) -> Floats: ...
+    ) -> Floats:
+        """Return the change of all channels per unit of each quantity, shape (n, c, k)."""

@@ -61,7 +61,9 @@ def write_sentence(explanation: Explanation, record: LoopRecord) -> str:
             f"{errors.before_blocks} -> {errors.after_blocks} on new blocks"
         )
     apart = describe_apart_trials(len(record.apart))
-    text = f"{text}{apart}; error of E_v {change}, noise {errors.noise}"
+    if apart:
+        text = f"{text}; {apart}"
+    text = f"{text}; error of E_v {change}, noise {errors.noise}"
     return text[0].upper() + text[1:]
 
 
@@ -80,7 +82,7 @@ def describe_apart_trials(count: int) -> str:
     if count == 0:
         return ""
     trials = "trial" if count == 1 else "trials"
-    return f"; {count} {trials} held apart"
+    return f"{count} {trials} held apart"
 
 
 def _list_sentences(explanation: Explanation, record: LoopRecord) -> list[str]:

@@ -106,7 +106,7 @@ def _write_closing_lines(explanation: Explanation, record: LoopRecord) -> list[s
         lines.append(doubt)
     apart = describe_apart_trials(len(record.apart))
     if apart:
-        lines.append(apart.removeprefix("; "))
+        lines.append(apart)
     lines += record.notes
     errors = format_errors(record.nominal.error, record.extended.error)
     change = errors.before
