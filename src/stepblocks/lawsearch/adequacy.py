@@ -80,7 +80,7 @@ class ReplicateTest:
     Attributes
     ----------
     replicate_std : float
-        Standard deviation among replicates; NaN where there are too few.
+        Standard deviation among replicates; not-a-number where there are too few.
     replicate_dof : int
         Its degrees of freedom.
     lack_of_fit_p_value : float
