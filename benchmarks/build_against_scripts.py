@@ -160,7 +160,7 @@ def extra_costs(stimuli: Path) -> None:
     from stepblocks.artefacts.heightfield import write_height_field
     from stepblocks.artefacts.meshes.write import MESH_FORMATS, write_pieces
     from stepblocks.artefacts.step.write import write_step_ap242
-    from stepblocks.build.make import list_checkable_files
+    from stepblocks.build.make import list_checkable_paths
     from stepblocks.build.picture import draw_part
     from stepblocks.declaration.read import load_set
     from stepblocks.parts.kinds.step_block import StepBlock
@@ -195,7 +195,7 @@ def extra_costs(stimuli: Path) -> None:
                 "picture",
                 partial(draw_part, folder / f"{block.id}.png", arrays, *block.choose_close_up()),
             )
-            for path in list_checkable_files(block, folder):
+            for path in list_checkable_paths(block, folder):
                 timed(f"read back {path.suffix}", partial(check_artefact, block, path))
             triangles.append(len(mesh.triangles))
             if number == 0:  # the first block pays for imports

@@ -16,8 +16,8 @@ from stepblocks.build.linked import find_linked_files
 from stepblocks.build.manifest import (
     MANIFEST,
     RECORD,
-    are_intact,
-    find_unchanged,
+    are_outputs_intact,
+    find_unaltered_file,
     hash_bytes,
     hash_file,
     load_manifest,
@@ -77,16 +77,16 @@ def test_what_lies_outside_is_neither_read_nor_believed(name, tmp_path):
     (tmp_path / "x").write_text("secret")
     folder = tmp_path / "folder"
     (folder / "a").mkdir(parents=True)
-    assert find_unchanged(folder, name, hash_file(folder / name)) is None
-    assert not are_intact(folder, {name: hash_file(folder / name)})
+    assert find_unaltered_file(folder, name, hash_file(folder / name)) is None
+    assert not are_outputs_intact(folder, {name: hash_file(folder / name)})
 
 
 def test_a_list_of_files_is_intact_when_all_are_there_as_written(tmp_path):
     (tmp_path / "a.txt").write_text("a")
-    assert are_intact(tmp_path, {"a.txt": hash_bytes(b"a")})
-    assert not are_intact(tmp_path, {"a.txt": hash_bytes(b"b")})
-    assert not are_intact(tmp_path, {"a.txt": hash_bytes(b"a"), "b.txt": hash_bytes(b"b")})
-    assert not are_intact(tmp_path, {})  # nothing listed is nothing known
+    assert are_outputs_intact(tmp_path, {"a.txt": hash_bytes(b"a")})
+    assert not are_outputs_intact(tmp_path, {"a.txt": hash_bytes(b"b")})
+    assert not are_outputs_intact(tmp_path, {"a.txt": hash_bytes(b"a"), "b.txt": hash_bytes(b"b")})
+    assert not are_outputs_intact(tmp_path, {})  # nothing listed is nothing known
 
 
 @pytest.mark.parametrize("content", ["", "{", "[1]", '{"outputs": [1]}', '{"outputs": "x"}'])

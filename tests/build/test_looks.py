@@ -13,7 +13,7 @@ import pytest
 from stepblocks.build import picture
 from stepblocks.build.curves import compute_curves
 from stepblocks.build.manifest import StimulusRecord
-from stepblocks.build.page import Section, summarise, write_page
+from stepblocks.build.page import Section, describe_felt_ranges, write_page
 from stepblocks.build.picture import draw_part, exaggerate_heights, write_view_script
 from stepblocks.contact.energy import Status
 from stepblocks.declaration.read import load_set
@@ -40,10 +40,10 @@ def test_only_what_rises_over_the_lower_face_is_exaggerated():
 
 
 def test_a_close_up_is_the_closed_intersection_with_its_box():
-    cut = picture._cut_box(BOX, 0.25e-3, (1e-3, 0.0, 0.0))
+    cut = picture._crop_to_cube(BOX, 0.25e-3, (1e-3, 0.0, 0.0))
     assert cut.volume == pytest.approx(0.25 * 0.5 * 0.5)  # mm^3: half of the window lies in the box
     assert cut.is_manifold
-    assert picture._cut_box(BOX, 0.25e-3, (5e-3, 0.0, 0.0)).n_cells == 0
+    assert picture._crop_to_cube(BOX, 0.25e-3, (5e-3, 0.0, 0.0)).n_cells == 0
 
 
 def test_several_bodies_are_opened_and_one_is_not():
@@ -133,12 +133,14 @@ def release(status, force=0.0, energy=0.0):
 def test_the_summary_says_what_is_felt_and_what_is_not():
     felt = [release(Status.RELEASES, 0.5, 1e-6), release(Status.RELEASES, 2.0, 30e-6)]
     locked, flat = release(Status.LOCKED), release(Status.NO_CATCH)
-    assert list(summarise(felt)) == ["up: 0.5 to 2 N, 1 to 30 µJ"]
-    assert list(summarise([*felt, locked, locked])) == [
+    assert list(describe_felt_ranges(felt)) == ["up: 0.5 to 2 N, 1 to 30 µJ"]
+    assert list(describe_felt_ranges([*felt, locked, locked])) == [
         "up: 0.5 to 2 N, 1 to 30 µJ; locked in 2 of 4"
     ]
-    assert list(summarise([locked, flat])) == ["up: locked in 1 of 2; no catch in 1 of 2"]
-    assert list(summarise([])) == []
+    assert list(describe_felt_ranges([locked, flat])) == [
+        "up: locked in 1 of 2; no catch in 1 of 2"
+    ]
+    assert list(describe_felt_ranges([])) == []
 
 
 def test_the_page_opens_with_the_steps_of_the_paper_and_else_keeps_the_order_of_the_user(

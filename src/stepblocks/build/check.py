@@ -47,22 +47,22 @@ def check_output(
         If a stimulus file is malformed, a set is not built, or nothing matches.
     """
     from stepblocks.artefacts.check import check_artefact
-    from stepblocks.build.make import list_checkable_files
+    from stepblocks.build.make import list_checkable_paths
     from stepblocks.declaration.read import load_sets
 
     folder = Path(output)
     sets = [declared for declared, _ in load_sets(files)]
     selected = select_stimuli(sets, only)
-    _check_that_built(folder, [stimuli for stimuli, _ in selected])
+    _refuse_unbuilt_sets(folder, [stimuli for stimuli, _ in selected])
 
     def check() -> "Iterator[tuple[str, list[Verdict]]]":
         for stimuli, stimulus in selected:
-            for path in list_checkable_files(stimulus, folder / stimuli.name / stimulus.id):
+            for path in list_checkable_paths(stimulus, folder / stimuli.name / stimulus.id):
                 yield path.relative_to(folder).as_posix(), check_artefact(stimulus, path)
         if only is None:
             for stimuli in sets:
                 name = f"{stimuli.name}/predictions.csv"
-                yield name, [_check_table(stimuli, folder, name)]
+                yield name, [_check_prediction_table(stimuli, folder, name)]
 
     return check()  # what was asked wrongly is refused at once, not where the first is taken
 
@@ -99,7 +99,7 @@ def check_files(
         yield str(path), check_artefact(part, path)
 
 
-def _check_that_built(output: Path, sets: "Sequence[StimulusSet]") -> None:
+def _refuse_unbuilt_sets(output: Path, sets: "Sequence[StimulusSet]") -> None:
     """Refuse sets that have no folder in the output folder."""
     names = dict.fromkeys(stimuli.name for stimuli in sets)
     missing = [name for name in names if not (output / name).is_dir()]
@@ -109,7 +109,7 @@ def _check_that_built(output: Path, sets: "Sequence[StimulusSet]") -> None:
         )
 
 
-def _check_table(stimuli: "StimulusSet", output: Path, name: str) -> "Verdict":
+def _check_prediction_table(stimuli: "StimulusSet", output: Path, name: str) -> "Verdict":
     """Compare the table of predictions line by line with a new prediction.
 
     With a learned model, the table must have the hash of the manifest instead.

@@ -74,7 +74,7 @@ def compute_curves(stimuli: StimulusSet) -> Curves | None:
             f"no energy beyond {largest_force:g} N ({limit})"
         ),
         names=[block.id for block in blocks],
-        curves=[plot.draw_angle(), *map(plot.draw_energy, frictions)],
+        curves=[plot.sample_critical_angle(), *map(plot.sample_vibration_energy, frictions)],
         locking=[plot.find_locking_height(friction) for friction in frictions],
         highest=plot.highest * 1e6,
     )
@@ -106,16 +106,16 @@ class _Plot:
         """Highest height of the picture [m]."""
         return min(_MARGIN * float(self.heights[-1]), self.radius)
 
-    def draw_angle(self) -> Curve:
+    def sample_critical_angle(self) -> Curve:
         """Draw the critical angle [deg], which exists up to the radius of the tip."""
 
         def compute_degrees(height: Array) -> Array:
             degrees: Array = np.degrees(kernels.compute_angle_on_step(height, self.radius))
             return degrees
 
-        return self._draw("critical angle", self.radius, compute_degrees)
+        return self._sample_curve("critical angle", self.radius, compute_degrees)
 
-    def draw_energy(self, friction: float) -> Curve:
+    def sample_vibration_energy(self, friction: float) -> Curve:
         """Draw the vibration energy [uJ] up to the largest force of the tool."""
 
         def compute_microjoules(height: Array) -> Array:
@@ -128,9 +128,9 @@ class _Plot:
         _, largest_force = self.tool.limits.first
         steepest = math.atan2(largest_force, self.load) - math.atan(friction)
         end = float(kernels.compute_height_at_angle(steepest, self.radius))
-        return self._draw(f"E<sub>v</sub>, µ {friction:g}", end, compute_microjoules)
+        return self._sample_curve(f"E<sub>v</sub>, µ {friction:g}", end, compute_microjoules)
 
-    def _draw(self, name: str, end: float, compute: Callable[[Array], Array]) -> Curve:
+    def _sample_curve(self, name: str, end: float, compute: Callable[[Array], Array]) -> Curve:
         """Draw what is computed at heights [m] up to an end [m], and mark the blocks on it."""
         along = np.linspace(_LOWEST * self.highest, self.highest, _POINTS)
         curve = along[along <= end]

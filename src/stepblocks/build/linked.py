@@ -69,15 +69,15 @@ def find_linked_files(output: Path, outputs: Iterable[str]) -> dict[str, list[Li
     known = set(outputs)
     ending = f"/{RECORD}"
     parts = sorted(name.removesuffix(ending) for name in known if name.endswith(ending))
-    links = {WHOLE_FOLDER: list(_find_beside(output))}
+    links = {WHOLE_FOLDER: list(_list_whole_folder_links(output))}
     for part in parts:
-        found = list(_find_files_of_part(output, part, known))
+        found = list(_list_new_part_links(output, part, known))
         if found:
             links[part] = found
     return links
 
 
-def _find_beside(output: Path) -> Iterator[Link]:
+def _list_whole_folder_links(output: Path) -> Iterator[Link]:
     """Yield links to the files of the whole output and of its sets that exist."""
     for link in _BESIDE:
         if (output / link.name).is_file():
@@ -89,17 +89,17 @@ def _find_beside(output: Path) -> Iterator[Link]:
             yield Link(f"{title} {path.name}", path.relative_to(output).as_posix())
 
 
-def _find_files_of_part(output: Path, part: str, known: set[str]) -> Iterator[Link]:
+def _list_new_part_links(output: Path, part: str, known: set[str]) -> Iterator[Link]:
     """Yield the files of a part that are not known yet, and add them to the known ones."""
     for kind in _OF_A_PART:
         for path in kind.find_files(output, part):
             name = path.relative_to(output).as_posix()
             if name not in known:
                 known.add(name)
-                yield Link(_format_title(kind, path), name)
+                yield Link(_format_link_title(kind, path), name)
 
 
-def _format_title(kind: _Pattern, path: Path) -> str:
+def _format_link_title(kind: _Pattern, path: Path) -> str:
     """Write the title of a link, by the kind of its file."""
     if kind is _SCENE:
         return f"{kind.title}: {path.parent.name}"

@@ -16,7 +16,7 @@ from stepblocks.build.manifest import (
     NamedText,
     RecordedVerdict,
     StimulusRecord,
-    find_unchanged,
+    find_unaltered_file,
     hash_file,
     load_record,
     write_sealed,
@@ -116,14 +116,16 @@ def build_stimuli(
         yield from map(predict_declared_set, predicted)
         return
     prepare_workers("stepblocks.build.worker")
-    with _predict_beside(predicted) as predictions:
+    with _start_predictions(predicted) as predictions:
         yield from run_calls(build_stimulus, calls, jobs=processes, in_order=False)
         for prediction in predictions:
             yield prediction.result()
 
 
 @contextmanager
-def _predict_beside(predicted: "Sequence[StimulusSet]") -> "Iterator[list[Future[PredictedSet]]]":
+def _start_predictions(
+    predicted: "Sequence[StimulusSet]",
+) -> "Iterator[list[Future[PredictedSet]]]":
     """Predict sets in a thread of this process, which only waits for its workers."""
     thread = ThreadPoolExecutor(1)
     try:
@@ -153,7 +155,7 @@ def _build_on_cluster(
         yield BuiltStimulus(stimulus.name, packed.seconds)
 
 
-def list_checkable_files(stimulus: Part, folder: Path) -> list[Path]:
+def list_checkable_paths(stimulus: Part, folder: Path) -> list[Path]:
     """List the artefacts of a stimulus that can be checked."""
     names = [f"{stimulus.id}.step"]
     for body in stimulus.bodies:
@@ -196,7 +198,7 @@ def _make_record(part: Part, key: str, draft: Path) -> StimulusRecord:
     """Hash and check the artefacts in a draft folder."""
     from stepblocks.artefacts.check import check_artefact
 
-    paths = list_checkable_files(part, draft)
+    paths = list_checkable_paths(part, draft)
     # of all that was asked for: what somebody removes meanwhile is missed and not left out
     outputs = {path.name: hash_file(path) for path in sorted({*paths, *draft.iterdir()})}
     verdicts = []
@@ -248,7 +250,7 @@ def _replace_files(draft: Path, folder: Path, record: StimulusRecord) -> None:
         move_into_place(draft / name, folder / name)
     if replaced is not None:
         for name in set(replaced.outputs) - set(record.outputs):
-            stale = find_unchanged(folder, name, replaced.outputs[name])
+            stale = find_unaltered_file(folder, name, replaced.outputs[name])
             if stale is not None:
                 stale.unlink()
     write_sealed(folder / RECORD, record.as_json())

@@ -243,7 +243,7 @@ def load_record(folder: Path) -> StimulusRecord | None:
     return StimulusRecord.from_json(content)
 
 
-def find_unchanged(folder: Path, name: str, digest: str) -> Path | None:
+def find_unaltered_file(folder: Path, name: str, digest: str) -> Path | None:
     """Return the file of a name if it lies in the folder and is as it was written."""
     path = resolve_inside(folder, name)
     if path is None or hash_file(path) != digest:
@@ -251,7 +251,7 @@ def find_unchanged(folder: Path, name: str, digest: str) -> Path | None:
     return path
 
 
-def are_intact(folder: Path, outputs: Mapping[str, str]) -> bool:
+def are_outputs_intact(folder: Path, outputs: Mapping[str, str]) -> bool:
     """Tell whether there are files listed, all in the folder and as they were written."""
-    unchanged = (find_unchanged(folder, name, digest) for name, digest in outputs.items())
+    unchanged = (find_unaltered_file(folder, name, digest) for name, digest in outputs.items())
     return bool(outputs) and None not in unchanged

@@ -75,10 +75,10 @@ def draw_part(
     for renderer in plotter.renderers:
         renderer.clear_actors()
     plotter.subplot(0, 0)
-    _show(plotter, _cut_open(stretched), caption)
+    _show_bodies(plotter, _cut_open(stretched), caption)
     plotter.subplot(0, 1)
-    window = [_cut_box(mesh, half_width, centre) for mesh in meshes]
-    _show(plotter, window, f"true scale, {2e6 * half_width:.4g} µm wide")
+    window = [_crop_to_cube(mesh, half_width, centre) for mesh in meshes]
+    _show_bodies(plotter, window, f"true scale, {2e6 * half_width:.4g} µm wide")
     plotter.suppress_rendering = False
     plotter.render()
     plotter.screenshot(str(path), return_img=False)
@@ -98,7 +98,7 @@ def _make_polydata(vertices: Vertices, triangles: NDArray[np.int64]) -> Polydata
     return pv.PolyData.from_regular_faces(vertices * 1e3, triangles)
 
 
-def _cut_mesh(mesh: Arrays, cut: Callable[[Manifold], Manifold]) -> Polydata:
+def _cut_solid(mesh: Arrays, cut: Callable[[Manifold], Manifold]) -> Polydata:
     """Cut a body as a solid in millimetres, so that it is closed where it is cut."""
     vertices, triangles = mesh
     solid = manifold3d.Manifold(manifold3d.Mesh64(vertices * 1e3, triangles.astype(np.uint64)))
@@ -107,12 +107,12 @@ def _cut_mesh(mesh: Arrays, cut: Callable[[Manifold], Manifold]) -> Polydata:
     return _make_polydata(points, np.asarray(remainder.tri_verts).astype(np.int64))
 
 
-def _cut_box(mesh: Arrays, half_width: float, centre: Point) -> Polydata:
+def _crop_to_cube(mesh: Arrays, half_width: float, centre: Point) -> Polydata:
     """Cut out what of a body lies in a cube [m]."""
     side = 2e3 * half_width
     middle = [1e3 * coordinate for coordinate in centre]
     cube = manifold3d.Manifold.cube([side, side, side], True).translate(middle)
-    return _cut_mesh(mesh, lambda solid: solid ^ cube)
+    return _cut_solid(mesh, lambda solid: solid ^ cube)
 
 
 def _cut_open(meshes: Sequence[Arrays]) -> list[Polydata]:
@@ -120,7 +120,7 @@ def _cut_open(meshes: Sequence[Arrays]) -> list[Polydata]:
     if len(meshes) == 1:
         vertices, triangles = meshes[0]
         return [_make_polydata(vertices, triangles)]
-    return [_cut_mesh(mesh, _cut_in_half) for mesh in meshes]
+    return [_cut_solid(mesh, _cut_in_half) for mesh in meshes]
 
 
 def _cut_in_half(solid: Manifold) -> Manifold:
@@ -128,7 +128,7 @@ def _cut_in_half(solid: Manifold) -> Manifold:
     return solid.trim_by_plane((0.0, 1.0, 0.0), 0.0)
 
 
-def _show(plotter: Any, bodies: Sequence[Polydata], caption: str) -> None:
+def _show_bodies(plotter: Any, bodies: Sequence[Polydata], caption: str) -> None:
     """Show bodies with their sharp edges in the current half of the window."""
     plotter.set_background("white")
     for index, body in enumerate(bodies):

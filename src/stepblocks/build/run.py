@@ -18,8 +18,8 @@ from stepblocks.build.manifest import (
     MANIFEST,
     MODEL_INPUT,
     Manifest,
-    are_intact,
-    find_unchanged,
+    are_outputs_intact,
+    find_unaltered_file,
     hash_bytes,
     hash_file,
     load_manifest,
@@ -172,7 +172,7 @@ def build_sets(
         learned = read_model(model_file)
         predicted_sets = _put_learned_constants(sets, learned)
     with lock_folder(folder):
-        _check_output_folder(folder, sets)
+        _refuse_unsafe_output(folder, sets)
         selected = select_stimuli(sets, only)
         outdated = _find_outdated(selected, folder, inputs.code)
         with open_cluster(on if outdated else None, jobs) as cluster:
@@ -276,7 +276,7 @@ def _find_sources(
             sources.append(source)
     if paths or not sources:
         sources += find_stimulus_files(paths)
-    by_name = {_name_set(source): source for source in sources}
+    by_name = {_get_set_name(source): source for source in sources}
     if len(by_name) != len(sources):
         raise PipelineError(f"sets must have different names, got {', '.join(sorted(by_name))}")
     return by_name
@@ -291,7 +291,7 @@ def _list_sources(files: "Source | Sequence[Source] | None") -> "list[Source]":
     return [cast("Source", files)]
 
 
-def _name_set(source: "Path | StimulusSet") -> str:
+def _get_set_name(source: "Path | StimulusSet") -> str:
     if isinstance(source, Path):
         return source.stem
     return source.name
@@ -318,7 +318,7 @@ def _is_current(manifest: Manifest, folder: Path, inputs: _Inputs) -> bool:
         return False
     if manifest.linked != find_linked_files(folder, manifest.outputs):
         return False
-    return are_intact(folder, manifest.outputs)
+    return are_outputs_intact(folder, manifest.outputs)
 
 
 def _load_sets(sources: "Mapping[str, Path | StimulusSet]") -> "list[StimulusSet]":
@@ -343,7 +343,7 @@ def _describe_alike_blocks(sets: "Sequence[StimulusSet]") -> list[str]:
     return notes
 
 
-def _check_output_folder(output: Path, sets: "Sequence[StimulusSet]") -> None:
+def _refuse_unsafe_output(output: Path, sets: "Sequence[StimulusSet]") -> None:
     """Refuse a folder that cannot be written, or in which a link leads elsewhere."""
     if not os.access(output, os.W_OK):
         raise PipelineError(f"the output folder must be writable [{output}]")
@@ -370,7 +370,7 @@ def _find_outdated(
         key = _hash_stimulus(stimulus, stimuli.order, code)
         record = load_record(folder)
         is_current = record is not None and record.key == key
-        if record is None or not is_current or not are_intact(folder, record.outputs):
+        if record is None or not is_current or not are_outputs_intact(folder, record.outputs):
             outdated.append(OutdatedStimulus(stimuli.name, stimulus, key, stimuli.order))
     return outdated
 
@@ -426,7 +426,7 @@ def _replace_manifest(folder: Path, manifest: Manifest) -> None:
 def _remove_stale_files(output: Path, before: Mapping[str, str], now: Mapping[str, str]) -> None:
     """Remove unchanged files of the last build that this one does not write, and empty folders."""
     for name in sorted(set(before) - set(now), reverse=True):
-        path = find_unchanged(output, name, before[name])
+        path = find_unaltered_file(output, name, before[name])
         if path is None:
             continue
         path.unlink()

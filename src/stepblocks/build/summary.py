@@ -65,7 +65,7 @@ def write_tables_and_page(
         outputs |= _hash_files([folder / name for name in section.files], output)
         for identity, record in section.records.items():
             outputs |= _hash_files([folder / identity / RECORD], output)
-            outputs |= _list_outputs(record, f"{stimuli.name}/{identity}")
+            outputs |= _map_output_hashes(record, f"{stimuli.name}/{identity}")
             failures += _list_failures(record, f"{stimuli.name}/{identity}")
     outputs |= _hash_files(page.write_page(sections, output), output)
     stimuli_made = sum(len(section.records) for section in sections)
@@ -82,7 +82,7 @@ def _write_tables(
     folder.mkdir(exist_ok=True)
     add_columns = None
     if learned is not None:
-        add_columns = _make_learned_columns(learned)
+        add_columns = _make_learned_column_formatter(learned)
     replace_text(folder / PREDICTIONS, format_predictions_csv(predictions, add_columns))
     records = {}
     for stimulus in stimuli.stimuli:
@@ -93,7 +93,7 @@ def _write_tables(
     return page.Section(stimuli, predictions, records, files)
 
 
-def _make_learned_columns(learned: LearnedModel) -> Callable[[Prediction], dict[str, str]]:
+def _make_learned_column_formatter(learned: LearnedModel) -> Callable[[Prediction], dict[str, str]]:
     """Return what formats the columns that a learned model adds to a row of predictions."""
     from stepblocks.predict.learned import format_learned_columns
 
@@ -108,7 +108,7 @@ def _hash_files(paths: Iterable[Path], output: Path) -> dict[str, str]:
     return {path.relative_to(output).as_posix(): hash_bytes(path.read_bytes()) for path in paths}
 
 
-def _list_outputs(record: StimulusRecord, place: str) -> dict[str, str]:
+def _map_output_hashes(record: StimulusRecord, place: str) -> dict[str, str]:
     """List the hashes of the files of a stimulus by their names below the output folder."""
     return {f"{place}/{name}": digest for name, digest in record.outputs.items()}
 
