@@ -166,10 +166,10 @@ def _describe_error(error: Exception) -> tuple[str, int]:
         return "error: this needs more memory than there is", 2
     if isinstance(error, ImportError) and "cannot open shared object file" in str(error):
         return f"error: a system library is missing: {error}", 2
-    return f"internal error, not a verdict: {_keep_details(error)}", 70
+    return f"internal error, not a verdict: {_save_traceback(error)}", 70
 
 
-def _keep_details(error: Exception) -> str:
+def _save_traceback(error: Exception) -> str:
     """Write the traceback to a file; return a line that says what happened and where it is."""
     # Keep the traceback in a file; say in one line what happened and where the file is
     message = " ".join(f"{type(error).__name__}: {error}".split())[:200]

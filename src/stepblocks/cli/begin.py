@@ -11,7 +11,14 @@ import typer
 
 from stepblocks.cli.cluster import open_shown_cluster
 from stepblocks.cli.command import command
-from stepblocks.cli.options import Force, Jobs, On, Quiet, make_whole_number_reader, require_one
+from stepblocks.cli.options import (
+    Force,
+    Jobs,
+    On,
+    Quiet,
+    make_whole_number_reader,
+    require_exactly_one,
+)
 from stepblocks.cli.outcome import Outcome, make_progress
 from stepblocks.errors import PipelineError
 
@@ -85,7 +92,7 @@ def new(
 
     The file is valid as it stands and says what can be changed; a session is a folder.
     """
-    require_one("begin with: stepblocks new block mine.toml", KIND=kind, shipped=shipped)
+    require_exactly_one("begin with: stepblocks new block mine.toml", KIND=kind, shipped=shipped)
     if plan is not None and kind != "session":
         raise PipelineError(f"--plan goes with: stepblocks new session, got {kind or 'no kind'}")
     if plan is None and (jobs is not None or on is not None):
@@ -100,8 +107,8 @@ def new(
         place = folder / "session.toml"
         text, then = compose_starter_file(kind, folder)
         if plan is not None:
-            rehearse = partial(_rehearse, count=rehearsals, jobs=jobs, on=on, quiet=quiet)
-            return _plan_session(folder, plan, rehearse, then, force=force)
+            rehearse = partial(_rehearse_plan, count=rehearsals, jobs=jobs, on=on, quiet=quiet)
+            return _write_planned_session(folder, plan, rehearse, then, force=force)
         texts = {place: text, folder / "trials.csv": _TRIALS}
     else:
         place = file or Path(f"my-{kind}.toml")
@@ -109,13 +116,13 @@ def new(
             place = place.with_suffix(".toml")
         text, then = compose_starter_file(kind, place)
         texts = {place: text}
-    _write_new(texts, force=force)
+    _write_new_files(texts, force=force)
     return Outcome(
         f"{place}: change it, then run: {then}", record={"written": str(place), "then": then}
     )
 
 
-def _rehearse(
+def _rehearse_plan(
     plan: "SessionPlan", *, count: int, jobs: int | None, on: str | None, quiet: bool
 ) -> "Rehearsal":
     """Rehearse a planned session so many times, here or on a cluster."""
@@ -126,7 +133,7 @@ def _rehearse(
         return rehearse_session(plan, count, progress, jobs=jobs, on=cluster)
 
 
-def _plan_session(
+def _write_planned_session(
     folder: Path,
     plan: Path,
     rehearse: "Callable[[SessionPlan], Rehearsal]",
@@ -150,9 +157,9 @@ def _plan_session(
         folder / "session.toml": format_session_toml(planned),
         folder / "trials.csv": format_csv(rows),
     }
-    _refuse_present(texts, force=force)
+    _refuse_existing_files(texts, force=force)
     found = rehearse(planned)
-    _write_new(texts, force=force)
+    _write_new_files(texts, force=force)
     without_finding = found.verdicts.count("none")
     note = (
         f"{without_finding} of {len(found.verdicts)} rehearsals without an effect end in none, "
@@ -168,7 +175,7 @@ def _plan_session(
     )
 
 
-def _refuse_present(places: Iterable[Path], *, force: bool) -> None:
+def _refuse_existing_files(places: Iterable[Path], *, force: bool) -> None:
     """Raise where a file is there that would be replaced without being asked."""
     if force:
         return
@@ -177,11 +184,11 @@ def _refuse_present(places: Iterable[Path], *, force: bool) -> None:
         raise PipelineError(f"there is one already; --force replaces it [{', '.join(present)}]")
 
 
-def _write_new(texts: Mapping[Path, str], *, force: bool) -> None:
+def _write_new_files(texts: Mapping[Path, str], *, force: bool) -> None:
     """Write texts to files that are not there yet."""
     from stepblocks.files.atomic import replace_text
 
-    _refuse_present(texts, force=force)
+    _refuse_existing_files(texts, force=force)
     for place, text in texts.items():
         replace_text(place, text)
 
@@ -199,7 +206,7 @@ def _copy_shipped(folder: Path, *, force: bool) -> Outcome:
         raise PipelineError(
             f"the shipped stimuli must lie in the installation, found none [{installed}]"
         )
-    _write_new(texts, force=force)
+    _write_new_files(texts, force=force)
     then = f"stepblocks build {folder}"
     return Outcome(
         f"{len(texts)} files in {folder}: {then}",

@@ -18,7 +18,7 @@ from stepblocks.cli.options import (
     Stimuli,
     make_quantity_option,
 )
-from stepblocks.cli.outcome import Outcome, format_count, make_progress, name_first
+from stepblocks.cli.outcome import Outcome, format_count, make_progress, name_first_of_several
 from stepblocks.errors import PipelineError
 
 if TYPE_CHECKING:
@@ -276,5 +276,5 @@ def _list_order_notes(orders: "Sequence[PartOrder]") -> list[str]:
             names.setdefault(order.note, []).append(order.name)
     notes = []
     for note, parts in names.items():
-        notes.append(f"{name_first(parts)}: {note}")
+        notes.append(f"{name_first_of_several(parts)}: {note}")
     return notes

@@ -11,7 +11,7 @@ from stepblocks.cli.options import (
     keep_given_options,
     make_quantity_option,
     make_quantity_reader,
-    refuse_both,
+    refuse_more_than_one,
 )
 from stepblocks.cli.outcome import Outcome
 from stepblocks.errors import PipelineError
@@ -21,7 +21,7 @@ from stepblocks.files.text import Document
 app = typer.Typer()
 
 
-def _read_range(text: str) -> tuple[float, float]:
+def _read_length_range(text: str) -> tuple[float, float]:
     # Read two lengths with two dots between them
     try:
         first, last = map(make_quantity_reader("length"), text.split(".."))
@@ -208,13 +208,13 @@ def drag(
     """
     from stepblocks.drag.run import drag_over
 
-    refuse_both(speed=speed, pull=pull)
+    refuse_more_than_one(speed=speed, pull=pull)
     done = drag_over(
         stimulus,
         backward=backward,
         stimuli=stimuli,
         setting=setting,
-        x_range=None if x_range is None else _read_range(x_range),
+        x_range=None if x_range is None else _read_length_range(x_range),
         layout=layout,
         **keep_given_options(
             static_friction=static_friction,

@@ -20,7 +20,7 @@ from stepblocks.cli.options import (
     TipRadius,
     keep_given_options,
     make_quantity_option,
-    require_one,
+    require_exactly_one,
 )
 from stepblocks.cli.outcome import Outcome, format_count, make_progress
 from stepblocks.files.layout import UNDECLARED, TableLayout
@@ -120,7 +120,7 @@ def export(
     Writes one self-contained folder per block, crown or tip: scene, event, rings, and a README on
     how to run it.
     """
-    require_one(
+    require_exactly_one(
         "begin with: stepblocks export --for mujoco",
         **{"for": simulators or None, "list_devices": list_devices or None},
     )

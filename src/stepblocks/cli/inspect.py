@@ -13,8 +13,8 @@ from stepblocks.cli.options import (
     keep_given_options,
     make_quantity_option,
     make_quantity_reader,
-    read_numbers,
-    refuse_both,
+    read_whole_numbers,
+    refuse_more_than_one,
 )
 from stepblocks.cli.outcome import Outcome
 from stepblocks.files.layout import UNDECLARED, TableLayout
@@ -75,7 +75,7 @@ def inspect(
         typer.Option(
             "--characteristics",
             metavar="N,N,...",
-            parser=read_numbers,
+            parser=read_whole_numbers,
             help="judge only these numbers of the drawing",
             show_default="all",
         ),
@@ -146,7 +146,7 @@ def inspect(
         typer.Option(
             "--edges",
             metavar="N,N,...",
-            parser=read_numbers,
+            parser=read_whole_numbers,
             help="only these features of a profile, counted from its start",
             rich_help_panel=_EVALUATION,
         ),
@@ -254,7 +254,7 @@ def inspect(
     from stepblocks.inspect.scan_list import is_table
     from stepblocks.records.laboratory import read_laboratory
 
-    refuse_both(stimulus=stimulus, standard=standard)
+    refuse_more_than_one(stimulus=stimulus, standard=standard)
     scan = scans[0]
     if list_channels:
         return _list_channels(scan)
@@ -271,8 +271,8 @@ def inspect(
         exclusion=exclusion,
         begin=begin,
         end=end,
-        stylus_radius=_prefer(stylus_radius, device.get("stylus_radius")),
-        stylus_cone=_prefer(stylus_cone, device.get("stylus_cone")),
+        stylus_radius=_prefer_option(stylus_radius, device.get("stylus_radius")),
+        stylus_cone=_prefer_option(stylus_cone, device.get("stylus_cone")),
     )
     arguments = keep_given_options(
         options=options,
@@ -297,7 +297,7 @@ def inspect(
     )
 
 
-def _prefer(option: float | None, known: float | None) -> float | None:
+def _prefer_option(option: float | None, known: float | None) -> float | None:
     """Return an option that was given; else what the laboratory says of its instrument."""
     if option is None:
         return known
@@ -314,9 +314,9 @@ def _make_instrument(
     from stepblocks.inspect.budget import Instrument
 
     return Instrument(
-        _prefer(calibration, device.get("calibration")),
+        _prefer_option(calibration, device.get("calibration")),
         resolution or device.get("resolution") or 0.0,
-        _prefer(lateral_calibration, device.get("lateral_calibration")),
+        _prefer_option(lateral_calibration, device.get("lateral_calibration")),
     )
 
 

@@ -76,7 +76,7 @@ def split_at_commas(text: str) -> list[str]:
     return list(map(str.strip, text.split(",")))
 
 
-def read_numbers(text: str) -> Numbers:
+def read_whole_numbers(text: str) -> Numbers:
     """Read whole numbers separated by commas."""
     read = make_whole_number_reader(1, 100_000)
     return Numbers(map(read, split_at_commas(text)))
@@ -107,7 +107,7 @@ def keep_given_options(**options: object) -> dict[str, Any]:
     return {name: value for name, value in options.items() if value is not None}
 
 
-def require_one(next_step: str, **options: object) -> None:
+def require_exactly_one(next_step: str, **options: object) -> None:
     """Require exactly one of several options that exclude each other."""
     count = len(keep_given_options(**options))
     if count != 1:
@@ -115,7 +115,7 @@ def require_one(next_step: str, **options: object) -> None:
         raise PipelineError(f"one of {names} must be given, got {count or 'none'}; {next_step}")
 
 
-def refuse_both(**options: object) -> None:
+def refuse_more_than_one(**options: object) -> None:
     """Refuse options that exclude each other."""
     if len(keep_given_options(**options)) > 1:
         names = " and ".join(map(_name_option, options))
@@ -253,7 +253,7 @@ On = Annotated[
 ]
 
 
-def _offer_laws(file: Path | None) -> Path | None:
+def _offer_laws_of_file(file: Path | None) -> Path | None:
     """Offer the effects of a user's file; nothing is loaded where there is none."""
     if file is not None:
         from stepblocks.rig.effects.offered import offer_laws
@@ -268,7 +268,7 @@ Laws = Annotated[
         "--laws",
         metavar="FILE.py",
         exists=True,
-        callback=_offer_laws,
+        callback=_offer_laws_of_file,
         help="Python file with effects of your own (stepblocks.Law), which is run",
     ),
 ]

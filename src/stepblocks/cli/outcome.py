@@ -43,7 +43,7 @@ class ReadingNote:
 
     def __str__(self) -> str:
         """Name the first file, and count the others."""
-        return f"note: {self.note} [{name_first(self.files)}]"
+        return f"note: {self.note} [{name_first_of_several(self.files)}]"
 
     def as_record(self) -> dict[str, object]:
         """Return plain data."""
@@ -87,7 +87,7 @@ class Outcome:
     reading: "Sequence[ReadingNote] | None" = None
 
 
-def name_first(names: Sequence[str]) -> str:
+def name_first_of_several(names: Sequence[str]) -> str:
     """Name the first of several, and count the others."""
     if len(names) == 1:
         return names[0]
@@ -202,7 +202,7 @@ def print_table(title: str, rows: Sequence[Mapping[str, object]], *, wide: bool 
     columns = [_make_column(name, rows) for name in rows[0]]
     width = _UNLIMITED
     if not wide:
-        width = _find_width()
+        width = _find_line_width()
     constants, varying = [], []
     for column in columns:
         is_shared = len(rows) > 1 and not wide and len(set(column.cells)) == 1
@@ -227,7 +227,7 @@ def _make_column(name: str, rows: Sequence[Mapping[str, object]]) -> _Column:
     return _Column(name, format_column(values, exact=is_limit))
 
 
-def _find_width() -> int:
+def _find_line_width() -> int:
     """Return how many letters a line has: what the environment names, else the usual."""
     return int(os.environ.get("COLUMNS", "0") or 0) or _WIDTH
 
@@ -270,15 +270,15 @@ def make_progress(label: str, *, quiet: bool, lines: int = 0) -> Callable[..., N
     """
     file = os.environ.get(PROGRESS_FILE)
     if file:
-        return _make_progress_file(label, Path(file))
+        return _make_step_writer(label, Path(file))
     if quiet:
-        return _make_progress_lines(label, 0)
+        return _make_line_printer(label, 0)
     if not sys.stderr.isatty():
-        return _make_progress_lines(label, lines)
-    return _make_progress_bar(label)
+        return _make_line_printer(label, lines)
+    return _make_bar_drawer(label)
 
 
-def _make_progress_file(label: str, path: Path) -> Callable[..., None]:
+def _make_step_writer(label: str, path: Path) -> Callable[..., None]:
     """Return a function that writes each step to a file, at most ten in a second."""
     number = count(1)
     last_time = -math.inf
@@ -295,7 +295,7 @@ def _make_progress_file(label: str, path: Path) -> Callable[..., None]:
     return write_step
 
 
-def _make_progress_lines(label: str, lines: int) -> Callable[..., None]:
+def _make_line_printer(label: str, lines: int) -> Callable[..., None]:
     """Return a function that prints at most so many lines of progress, none where that is 0."""
     number = count(1)
 
@@ -318,7 +318,7 @@ def _is_due(done: int, total: int | None, lines: int) -> bool:
     return done % (total // lines) == 0 or done == total
 
 
-def _make_progress_bar(label: str) -> Callable[..., None]:
+def _make_bar_drawer(label: str) -> Callable[..., None]:
     """Return a function that draws a bar on the terminal."""
     from rich.console import Console
     from rich.progress import (
@@ -387,7 +387,7 @@ def protect_output(place: object, *, force: bool) -> Iterator[list[Path]]:
         yield written
         return
     folder = _find_folder(place)
-    before = {path: _read_stamp(path) for path in _list_files(place)}
+    before = {path: _read_time_and_size(path) for path in _list_files(place)}
     built = _read_hashes(folder / "manifest.json", "outputs")
     known = _read_hashes(folder / _MEMORY, "written")
 
@@ -407,9 +407,9 @@ def protect_output(place: object, *, force: bool) -> Iterator[list[Path]]:
         kept = written[:]
         written.clear()
         for path in sorted(_list_files(place)):
-            if before.get(path) != _read_stamp(path):
+            if before.get(path) != _read_time_and_size(path):
                 written.append(path)
-        _record_hashes(_find_folder(place), [*written, *kept])
+        _remember_written_files(_find_folder(place), [*written, *kept])
 
 
 def _find_folder(place: Path) -> Path:
@@ -428,7 +428,7 @@ def _list_files(place: Path) -> list[Path]:
     return [path for path in paths if path.is_file() and path.name != _MEMORY]
 
 
-def _read_stamp(path: Path) -> tuple[int, int]:
+def _read_time_and_size(path: Path) -> tuple[int, int]:
     """Return what changes when a file is written: its time [ns] and size [bytes]."""
     found = path.stat()
     return found.st_mtime_ns, found.st_size
@@ -442,7 +442,7 @@ def _read_hashes(file: Path, key: str) -> dict[str, str]:
         return {}
 
 
-def _record_hashes(folder: Path, written: Sequence[Path]) -> None:
+def _remember_written_files(folder: Path, written: Sequence[Path]) -> None:
     """Keep the hashes of what was written, but for the files that a build's manifest names."""
     built = _read_hashes(folder / "manifest.json", "outputs")
     before = _read_hashes(folder / _MEMORY, "written")

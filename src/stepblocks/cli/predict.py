@@ -327,7 +327,7 @@ def _predict_table(
     """Predict the rows of a table, or unseen trials by the model of a session."""
     from stepblocks.predict.table import predict_table
 
-    file = _require_one_table(files, model)
+    file = _find_single_input(files, model)
     if output is None:
         raise PipelineError(f"-o must name the CSV to write [{file}]")
     if model is not None:
@@ -335,7 +335,7 @@ def _predict_table(
     return Outcome(f"{output}: {len(predict_table(file, output, layout=layout))} predictions")
 
 
-def _require_one_table(files: list[Path], model: Path | None) -> Path:
+def _find_single_input(files: list[Path], model: Path | None) -> Path:
     """Return the one table or session that was named."""
     from stepblocks.files.text_table import is_table_name
 

@@ -170,11 +170,11 @@ def measure(
     if check is not None:
         if plots is not None or whole_record is not None:
             raise PipelineError("--check measures no more than some trials: leave the others out")
-        return _check_session(session, check, layout, quiet=quiet)
+        return _report_session_check(session, check, layout, quiet=quiet)
     if trials is not None and plots is None:
         raise PipelineError("--trials says which trials --plots draws: give --plots, too")
     if whole_record is not None:
-        _check_second_output(session, whole_record, output)
+        _refuse_second_output(session, whole_record, output)
     summary = write_features(
         session,
         output,
@@ -214,7 +214,7 @@ def measure(
     )
 
 
-def _check_second_output(session: Path, whole_record: Path, output: Path) -> None:
+def _refuse_second_output(session: Path, whole_record: Path, output: Path) -> None:
     """Refuse a file of whole records that cannot be written, or is that of the features."""
     from stepblocks.bench.measure import check_output
 
@@ -225,7 +225,9 @@ def _check_second_output(session: Path, whole_record: Path, output: Path) -> Non
         )
 
 
-def _check_session(session: Path, output: Path, layout: TableLayout, *, quiet: bool) -> Outcome:
+def _report_session_check(
+    session: Path, output: Path, layout: TableLayout, *, quiet: bool
+) -> Outcome:
     """Hold some trials of a session against what it declares."""
     from stepblocks.loop.record import convert_to_plain
     from stepblocks.loop.session_check import check_session

@@ -21,7 +21,7 @@ from stepblocks.cli.options import (
     make_quantity_option,
     make_quantity_reader,
     make_whole_number_reader,
-    read_numbers,
+    read_whole_numbers,
 )
 from stepblocks.cli.outcome import Outcome
 from stepblocks.cli.study_options import (
@@ -44,7 +44,7 @@ app = typer.Typer()
 _OBSERVER = "Simulated participants"
 
 
-def _read_trials(text: str) -> dict[str, int]:
+def _read_trial_counts(text: str) -> dict[str, int]:
     """Read numbers of trials by block, as ``block=trials``."""
     read = make_whole_number_reader(1, 10_000)
     pairs = read_pairs(text, "block=trials")
@@ -235,7 +235,7 @@ def power(
         typer.Option(
             "--trials",
             metavar="ID=N,...",
-            parser=_read_trials,
+            parser=_read_trial_counts,
             help="of one participant with each block (threshold, jnd)",
             show_default="twice the repetitions with each",
         ),
@@ -265,7 +265,7 @@ def power(
         typer.Option(
             "--participants",
             metavar="N,N,...",
-            parser=read_numbers,
+            parser=read_whole_numbers,
             help="sizes to simulate",
             show_default="10",
         ),
@@ -275,7 +275,7 @@ def power(
         typer.Option(
             "--repetitions",
             metavar="N,N,...",
-            parser=read_numbers,
+            parser=read_whole_numbers,
             help="repetitions of every condition",
             show_default="3",
         ),

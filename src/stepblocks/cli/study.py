@@ -365,16 +365,16 @@ def run(
     if train is not None:
         if options or file is not None:
             raise PipelineError("train takes no stimulus file and no option of virtual blocks")
-        return _train(folder, participant, train, port, no_open)
+        return _train_participant(folder, participant, train, port, no_open)
     opened = stepblocks.open_run(folder, participant, file, **options)
     print(f"{opened.path}: {opened.answered} of {len(opened.planned)} trials are answered")
     summary = "all trials are answered"
-    if not _serve(opened, port, no_open):
+    if not _serve_run(opened, port, no_open):
         summary = "stopped; the same command goes on"
     return Outcome(summary, record={"answered": opened.answered, "of": len(opened.planned)})
 
 
-def _serve(run: PageRun, port: int, no_open: bool) -> bool:
+def _serve_run(run: PageRun, port: int, no_open: bool) -> bool:
     """Serve the page of a run until it is done; return False where it is stopped before."""
     from stepblocks.study.conduct.server import RunServer
 
@@ -391,14 +391,16 @@ def _serve(run: PageRun, port: int, no_open: bool) -> bool:
     return True
 
 
-def _train(folder: Path, participant: str, trials: int, port: int, no_open: bool) -> Outcome:
+def _train_participant(
+    folder: Path, participant: str, trials: int, port: int, no_open: bool
+) -> Outcome:
     """Train a participant, and say what was reached on each day."""
     training = stepblocks.open_training(folder, participant, trials)
     print(f"{training.path}: {training.answered} pairs were answered so far")
     if training.now is None:
         training.close()
     else:
-        _serve(training, port, no_open)
+        _serve_run(training, port, no_open)
     days = training.summarise()
     for day in days:
         print(f"{day.date}: {day.right} of {day.trials} right, level {day.level:g} of {day.levels}")
