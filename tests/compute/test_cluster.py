@@ -197,7 +197,7 @@ def test_a_worker_of_another_version_is_refused_and_both_are_named(site, monkeyp
 def test_a_worker_of_another_version_that_joins_later_is_refused_too(site, monkeypatch):
     other = dict(clusters.collect_versions()) | {"numpy": "1.0.0"}
     monkeypatch.setattr(clusters, "collect_versions", lambda: other)
-    monkeypatch.setattr(clusters, "_check_workers", lambda client, versions: None)
+    monkeypatch.setattr(clusters, "_check_cluster_versions", lambda client, versions: None)
     with open_cluster(site) as client, pytest.raises(PipelineError, match=r"1\.0\.0 here"):
         list(run_calls(abs, [(1,)], jobs=1, on=client))
 

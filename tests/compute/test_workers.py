@@ -7,9 +7,9 @@ import pytest
 
 SCRIPT = """
 from joblib.externals.loky import ProcessPoolExecutor
-from stepblocks.compute.processes import die_with_parent
+from stepblocks.compute.processes import end_with_parent
 
-with ProcessPoolExecutor(2, initializer=die_with_parent) as workers:
+with ProcessPoolExecutor(2, initializer=end_with_parent) as workers:
     print(sum(workers.map(abs, range(-4, 0))))
 """
 

@@ -35,7 +35,7 @@ from stepblocks.bench.signal.features import FEATURE_COLUMNS, average_tool
 from stepblocks.bench.traces import Traces
 from stepblocks.bench.trials import Trial, TrialTable, open_trials
 from stepblocks.compute.cores import count_cores
-from stepblocks.compute.processes import die_with_parent
+from stepblocks.compute.processes import end_with_parent
 from stepblocks.errors import BenchError, PipelineError
 from stepblocks.files.atomic import write_atomically
 from stepblocks.files.layout import UNDECLARED, TableLayout
@@ -302,7 +302,7 @@ def _iterate_over_processes(
     environment = {name: "1" for name in _THREAD_LIMITS if name not in os.environ}
     session = table.session
     measure_chunk = partial(_measure_chunk, session.folder, session.layout)
-    with ProcessPoolExecutor(jobs, initializer=die_with_parent, env=environment) as pool:
+    with ProcessPoolExecutor(jobs, initializer=end_with_parent, env=environment) as pool:
         while True:
             while len(waiting) < jobs * _AHEAD:
                 chunk = list(islice(trials, _CHUNK))

@@ -27,7 +27,7 @@ from stepblocks.build.manifest import (
     write_sealed,
 )
 from stepblocks.compute.cluster import open_cluster
-from stepblocks.compute.fingerprint import compute_code_fingerprint, describe_environment
+from stepblocks.compute.fingerprint import collect_environment, compute_code_fingerprint
 from stepblocks.declaration.select import find_stimulus_files, select_stimuli
 from stepblocks.errors import PipelineError
 from stepblocks.files.atomic import lock_folder, resolve_inside
@@ -185,7 +185,7 @@ def build_sets(
         new_manifest = Manifest(
             stepblocks=__version__,
             code=inputs.code,
-            made_with=describe_environment(),
+            made_with=collect_environment(),
             inputs=inputs.files if only is None else {},
             stimuli=summary.stimuli,
             failures=summary.failures,

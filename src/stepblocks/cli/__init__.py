@@ -35,7 +35,7 @@ from stepblocks.cli import (
     study,
 )
 from stepblocks.cli.command import Group, describe_mistake
-from stepblocks.compute.processes import kill_workers
+from stepblocks.compute.processes import kill_child_processes
 from stepblocks.errors import StepblocksError
 from stepblocks.quantities import format_units
 
@@ -188,7 +188,7 @@ def _save_traceback(error: Exception) -> str:
 
 def _exit_on_signal(number: int, _: object) -> NoReturn:
     """Kill the workers and end the command with the exit code of the signal."""
-    kill_workers()
+    kill_child_processes()
     # where a library waits for a worker that is no more
     late = threading.Timer(_GRACE, os._exit, (128 + number,))
     late.daemon = True

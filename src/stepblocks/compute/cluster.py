@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from stepblocks import __version__
 from stepblocks.compute.fingerprint import compute_code_fingerprint
-from stepblocks.compute.processes import collect_settings
+from stepblocks.compute.processes import collect_worker_environment
 from stepblocks.errors import PipelineError
 
 if TYPE_CHECKING:
@@ -105,7 +105,7 @@ def open_cluster(on: "str | Client | None", jobs: int | None = None) -> "Iterato
         ):
             yield client
         return
-    _check_address(on)
+    _refuse_unknown_scheduler(on)
     with _connect(on) as client:
         yield client
 
@@ -121,7 +121,7 @@ def _import_distributed() -> Any:
     return distributed
 
 
-def _check_address(on: str) -> None:
+def _refuse_unknown_scheduler(on: str) -> None:
     """Refuse what is neither an address nor a batch system."""
     protocol, separator, place = on.partition("://")
     if protocol in ("tcp", "tls", "ucx", "ws", "wss") and separator and place:
@@ -227,8 +227,8 @@ def run_on_cluster(
     from distributed import CancelledError as CancelledOnClusterError, KilledWorker
 
     versions = collect_versions()
-    _check_workers(client, versions)
-    queue = _Queue(client, _Order(versions, collect_settings(), function), iter(calls))
+    _check_cluster_versions(client, versions)
+    queue = _Queue(client, _Order(versions, collect_worker_environment(), function), iter(calls))
     try:
         yield from queue.collect(in_order=in_order)
     except KilledWorker as error:
@@ -266,14 +266,14 @@ class _Order:
 
     def carry_out(self, call: tuple[Any, ...]) -> Any:
         """Call the function on a worker, which may have joined after the others were checked."""
-        worker = _describe_this_worker()
-        _check_versions(self.versions, collect_versions(), f"worker {worker}")
+        worker = _find_worker_address()
+        _refuse_other_versions(self.versions, collect_versions(), f"worker {worker}")
         with _ONE_CALL_AT_A_TIME:
             os.environ.update(self.settings)
             try:
                 return self.function(*call)
             except (OSError, PipelineError) as error:
-                if _is_out_of_room(error):
+                if _is_disk_unwritable(error):
                     return _NoRoom(worker, str(error))
                 raise
 
@@ -286,7 +286,7 @@ class _NoRoom:
     reason: str
 
 
-def _is_out_of_room(error: BaseException | None) -> bool:
+def _is_disk_unwritable(error: BaseException | None) -> bool:
     """Tell whether an error, or what it was raised from, says that a disk cannot be written."""
     while error is not None:
         if isinstance(error, OSError) and error.errno in _NO_ROOM:
@@ -386,14 +386,14 @@ def _wait_for_result(client: "Client", future: "Future[Any]") -> Any:
                 raise _SchedulerLostError from None
 
 
-def _describe_this_worker() -> str:
+def _find_worker_address() -> str:
     """Return the address of the worker that runs this call."""
     from distributed import get_worker
 
     return str(get_worker().address)
 
 
-def _check_workers(client: "Client", versions: Versions) -> None:
+def _check_cluster_versions(client: "Client", versions: Versions) -> None:
     """Compare the versions of the scheduler and of all its workers with those of this process.
 
     The scheduler takes calls apart and needs the same code as the workers.
@@ -407,10 +407,10 @@ def _check_workers(client: "Client", versions: Versions) -> None:
             f"scheduler and workers must have stepblocks {__version__} installed: {error}"
         ) from error
     for place, theirs in found.items():
-        _check_versions(versions, theirs, place)
+        _refuse_other_versions(versions, theirs, place)
 
 
-def _check_versions(ours: Versions, theirs: Versions, place: str) -> None:
+def _refuse_other_versions(ours: Versions, theirs: Versions, place: str) -> None:
     """Refuse a place of a cluster where a version is not that of the client, and name both."""
     differences = []
     for name, expected in ours.items():
@@ -443,7 +443,7 @@ def collect_versions() -> dict[str, str]:
     return versions
 
 
-def is_shared(client: "Client", folder: Path) -> bool:
+def is_folder_shared(client: "Client", folder: Path) -> bool:
     """Tell whether all workers see a folder of this machine, by a file that is put there."""
     token = token_hex(16)
     path = folder.absolute() / f".shared-{token}"
@@ -464,7 +464,7 @@ def _can_read_and_write(path: str, token: str) -> bool:
         return False
 
 
-def describe_dashboard(client: "Client") -> str:
+def find_dashboard_address(client: "Client") -> str:
     """Return the address of the page on which Dask shows what its workers do."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

@@ -16,14 +16,14 @@ import numba as compiler
 __all__ = ["njit", "numba"]
 
 
-def _do_nothing() -> None:
+def _probe_cache() -> None:
     """Stand for any function of this package whose compiled form is to be kept."""
 
 
-def _provide_compiler() -> Any:
+def _load_numba_with_cache() -> Any:
     """Return Numba, with a folder of this process and its children where it finds none."""
     try:
-        compiler.njit(cache=True)(_do_nothing)
+        compiler.njit(cache=True)(_probe_cache)
     except RuntimeError:
         # nobody else can write to it: Numba trusts what it finds there
         folder = tempfile.mkdtemp(prefix="stepblocks-compiled-")
@@ -33,5 +33,5 @@ def _provide_compiler() -> Any:
     return compiler
 
 
-numba = _provide_compiler()
+numba = _load_numba_with_cache()
 njit = numba.njit

@@ -86,7 +86,7 @@ def _find_versions() -> dict[str, str]:
     return versions
 
 
-def describe_environment() -> Environment:
+def collect_environment() -> Environment:
     """Describe Python, platform, C library and libraries of this process."""
     words = [platform.system(), platform.machine(), *platform.libc_ver()]
     system = " ".join(word for word in words if word)

@@ -83,7 +83,7 @@ def _run_in_pool(
         n_jobs=jobs,
         return_as="generator" if in_order else "generator_unordered",
         initializer=_begin_worker,
-        initargs=(collect_settings(),),  # workers of other settings are not used again
+        initargs=(collect_worker_environment(),),  # workers of other settings are not used again
     )
     yield from parallel(delayed(function)(*call) for call in calls)
 
@@ -100,7 +100,7 @@ def _run_in_forks(
         jobs,
         context=_fork_server.get_context(),
         initializer=_begin_worker,
-        initargs=(collect_settings(),),
+        initargs=(collect_worker_environment(),),
     )
     futures: list[Future[R]] = []
     try:
@@ -177,7 +177,7 @@ def _is_command_line() -> bool:
     return Path(getattr(main, "__file__", None) or "").name == "stepblocks"
 
 
-def collect_settings() -> dict[str, str]:
+def collect_worker_environment() -> dict[str, str]:
     """Collect the environment variables that a worker needs as the process that starts it."""
     return {name: text for name, text in os.environ.items() if name.startswith(_OURS)}
 
@@ -185,10 +185,10 @@ def collect_settings() -> dict[str, str]:
 def _begin_worker(settings: Mapping[str, str]) -> None:
     """Give a worker the settings of its parent, and let it end with the parent."""
     os.environ.update(settings)
-    die_with_parent()
+    end_with_parent()
 
 
-def die_with_parent() -> None:
+def end_with_parent() -> None:
     """Let this process end when its parent does; call it at a worker's start."""
     import multiprocessing
 
@@ -237,7 +237,7 @@ def _end_with_process(pid: int) -> None:
     os._exit(1)
 
 
-def kill_workers() -> None:
+def kill_child_processes() -> None:
     """Kill every process below this one, and wait for their ends.
 
     Trackers of shared memory end by themselves.

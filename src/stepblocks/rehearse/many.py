@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepblocks import __version__
-from stepblocks.compute.cluster import is_shared, open_cluster
+from stepblocks.compute.cluster import is_folder_shared, open_cluster
 from stepblocks.compute.cores import count_cores
 from stepblocks.compute.seam import run_calls
 from stepblocks.errors import PipelineError
@@ -138,7 +138,7 @@ def _simulate_missing(
         return
     folder = missing[0][1].parent
     processes = min(jobs, len(missing))
-    if cluster is None or is_shared(cluster, folder):
+    if cluster is None or is_folder_shared(cluster, folder):
         yield from run_calls(write_session_to, missing, jobs=processes, on=cluster, in_order=False)
         return
     calls = run_calls(pack_session, missing, jobs=processes, on=cluster, in_order=False)

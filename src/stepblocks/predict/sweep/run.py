@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from stepblocks.compute.cluster import is_shared, open_cluster
+from stepblocks.compute.cluster import is_folder_shared, open_cluster
 from stepblocks.compute.seam import run_calls
 from stepblocks.errors import PipelineError
 from stepblocks.files.claim import FolderClaim
@@ -226,7 +226,7 @@ def _write_partitions(
 def _reaches_workers(store: ResultStore, client: "Client") -> bool:
     """Tell whether workers of a cluster write where this process does."""
     if isinstance(store, FolderStore):
-        return is_shared(client, store.folder)
+        return is_folder_shared(client, store.folder)
     return True
 
 
