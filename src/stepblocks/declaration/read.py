@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 from stepblocks.declaration.select import find_stimulus_files
-from stepblocks.declaration.set import StimulusSet, make_set
+from stepblocks.declaration.set import StimulusSet, make_set_from_tables
 from stepblocks.declaration.write import SCHEMA
 from stepblocks.errors import PipelineError, StimulusError
 from stepblocks.files.text import Document, escape_file_name, read_document
@@ -46,10 +46,10 @@ def load_set(path: str | Path) -> StimulusSet:
             f"heights 'stepblocks predict' [{path}]"
         )
     raw = read_document(path, "a stimulus file", StimulusError, MAX_FILE_BYTES)
-    return read_set(raw, path, [])
+    return validate_file_tables(raw, path, [])
 
 
-def read_set(raw: Document, path: Path, mistakes: list[Mistake]) -> StimulusSet:
+def validate_file_tables(raw: Document, path: Path, mistakes: list[Mistake]) -> StimulusSet:
     """Validate the tables of a stimulus file, which is at a place or will be written there.
 
     Parameters
@@ -69,11 +69,11 @@ def read_set(raw: Document, path: Path, mistakes: list[Mistake]) -> StimulusSet:
     schema = raw.pop("schema", SCHEMA)
     if schema != SCHEMA:
         mistakes.append(("", f"schema must be {SCHEMA}, got {shorten_value(schema)}"))
-    name = _name_set(path, raw.pop("set", None), mistakes)
-    return make_set(name, raw, path.parent, path, mistakes)
+    name = _choose_set_name(path, raw.pop("set", None), mistakes)
+    return make_set_from_tables(name, raw, path.parent, path, mistakes)
 
 
-def _name_set(path: Path, declared: object, mistakes: list[Mistake]) -> str:
+def _choose_set_name(path: Path, declared: object, mistakes: list[Mistake]) -> str:
     """Return the name of a set: that of its file, or the declared one where the file's is none.
 
     Parameters

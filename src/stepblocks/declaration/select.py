@@ -28,12 +28,12 @@ def find_stimulus_files(meant: str | Path | Sequence[str | Path] | None = None) 
         meant = [meant]
     files: list[Path] = []
     for argument in map(Path, meant or ()):
-        found = _list_files(argument)
+        found = _list_stimulus_files(argument)
         if not found:
             raise PipelineError(f"{_describe_missing(argument)} [{argument}]")
         files += found
     if not meant:
-        files = _list_files(_DEFAULT_FOLDER)
+        files = _list_stimulus_files(_DEFAULT_FOLDER)
         if not files:
             expected = _describe_expected(_DEFAULT_FOLDER)
             raise PipelineError(
@@ -45,7 +45,7 @@ def find_stimulus_files(meant: str | Path | Sequence[str | Path] | None = None) 
     return files
 
 
-def _list_files(argument: Path) -> list[Path]:
+def _list_stimulus_files(argument: Path) -> list[Path]:
     """List a file, or the stimulus files of a folder; empty if there is none."""
     files = [argument]
     if argument.is_dir():

@@ -61,7 +61,7 @@ def expand_series(stanza: Mapping[str, object]) -> Iterator[dict[str, object]]:
     """
     values_by_path: dict[Keys, list[str]] = {}
     for path, table in _find_series(stanza, ()):
-        values_by_path[path] = _read_values(path, table)
+        values_by_path[path] = _list_series_values(path, table)
     count = math.prod(map(len, values_by_path.values()))
     if count > MAX_SERIES:
         raise QuantityError(f"a series must have at most {MAX_SERIES} members, got {count}")
@@ -99,7 +99,7 @@ def _find_series(
             yield from _find_series(value, (*path, key))
 
 
-def _read_values(path: Keys, table: Mapping[str, object]) -> list[str]:
+def _list_series_values(path: Keys, table: Mapping[str, object]) -> list[str]:
     """Read the values of a series: those listed, or from one to another by steps."""
     name = ".".join(path)
     unknown = set(table) - _NAMES_OF_SERIES
@@ -114,7 +114,7 @@ def _read_values(path: Keys, table: Mapping[str, object]) -> list[str]:
     if missing:
         absent = " and no ".join(sorted(missing))
         raise QuantityError(f"{name}: a series needs from, to and step, got no {absent}")
-    return _read_steps(name, table)
+    return _list_stepped_values(name, table)
 
 
 def _read_listed_values(name: str, table: Mapping[str, object]) -> list[str]:
@@ -135,12 +135,12 @@ def _is_list_of_texts(value: object) -> TypeGuard[list[str]]:
     return all(isinstance(text, str) for text in value)
 
 
-def _read_steps(name: str, table: Mapping[str, object]) -> list[str]:
+def _list_stepped_values(name: str, table: Mapping[str, object]) -> list[str]:
     """Read the values from one to another by steps, in the unit of the first."""
     first = table["from"]
     last = table["to"]
     step = table["step"]
-    quantity = _find_quantity(first)
+    quantity = _guess_dimension(first)
     try:
         start = parse_quantity(first, quantity)
         stop = parse_quantity(last, quantity)
@@ -166,14 +166,14 @@ def _read_steps(name: str, table: Mapping[str, object]) -> list[str]:
     return values
 
 
-def _find_quantity(text: object) -> str:
+def _guess_dimension(text: object) -> str:
     """Tell whether a quantity is an angle or, as far as is known, a length."""
-    if not _is_of(text, "length") and _is_of(text, "angle"):
+    if not _has_dimension(text, "length") and _has_dimension(text, "angle"):
         return "angle"
     return "length"
 
 
-def _is_of(text: object, dimension: str) -> bool:
+def _has_dimension(text: object, dimension: str) -> bool:
     """Tell whether a text is a quantity of a dimension."""
     try:
         parse_quantity(text, dimension)
@@ -196,7 +196,7 @@ def _fill_identity(stanza: Mapping[str, object]) -> object:
                 f"id: {match[0]} must name a dimension of the stanza with its unit, such as "
                 "{height_um:03}"
             )
-        value = parse_quantity(nominal, _find_quantity(nominal)) * _UNITS[match["unit"]]
+        value = parse_quantity(nominal, _guess_dimension(nominal)) * _UNITS[match["unit"]]
         return _format_placeholder(value, int(match["digits"] or 1))
 
     return _PLACEHOLDER.sub(fill, template)

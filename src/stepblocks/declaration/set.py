@@ -162,7 +162,9 @@ class StimulusSet(Table):
             With all mistakes: name, rule, value and place.
         """
         # the place is said in one line, whatever was given as the name
-        return make_set(name, declared, Path(), " ".join(str(name).split()), [], Origin.PYTHON)
+        return make_set_from_tables(
+            name, declared, Path(), " ".join(str(name).split()), [], Origin.PYTHON
+        )
 
     def to_toml(self, path: str | Path | None = None) -> str:
         """Write the set as a stimulus file that reads back as the same set.
@@ -344,7 +346,7 @@ def validate_set(declared: Mapping[str, object], origin: Origin = Origin.FILE) -
     return StimulusSet.model_validate(fields)
 
 
-def make_set(
+def make_set_from_tables(
     name: str,
     raw: dict[str, Any],
     folder: Path,

@@ -38,15 +38,15 @@ def format_set(stimuli: Table, name: str, parts: Iterable[Part]) -> str:
         If a value cannot be stated in a file.
     """
     document: dict[str, object] = {"schema": SCHEMA, "set": name}
-    document.update(_list_fields(stimuli, left_out=("name", "stimuli")))
+    document.update(_convert_fields(stimuli, left_out=("name", "stimuli")))
     stanzas: dict[str, list[dict[str, object]]] = {}
     for part in parts:
-        stanzas.setdefault(part.stanza, []).append(_list_fields(part))
+        stanzas.setdefault(part.stanza, []).append(_convert_fields(part))
     document.update(stanzas)
     return tomli_w.dumps(document)
 
 
-def _list_fields(table: Table, left_out: Container[str] = ()) -> dict[str, object]:
+def _convert_fields(table: Table, left_out: Container[str] = ()) -> dict[str, object]:
     """Return the fields of a table as TOML holds them; what is absent by default is left out."""
     fields: dict[str, object] = {}
     for name, field in type(table).model_fields.items():
@@ -54,15 +54,15 @@ def _list_fields(table: Table, left_out: Container[str] = ()) -> dict[str, objec
         is_left_out = name in left_out or field.exclude
         if is_left_out or (value is None and field.default is None):
             continue
-        quantity = _find_quantity((field.annotation, *field.metadata))
+        quantity = _find_read_dimension((field.annotation, *field.metadata))
         if isinstance(table, WorkingFaces) and isinstance(value, Dimension):
             fields[name] = format_exactly(value.upper, value.quantity)
         else:
-            fields[name] = _write_value(value, quantity)
+            fields[name] = _convert_value(value, quantity)
     return fields
 
 
-def _find_quantity(annotations: Iterable[object]) -> str:
+def _find_read_dimension(annotations: Iterable[object]) -> str:
     """Find the quantity that a field's annotations read; a plain number is a ratio."""
     for validator in _list_quantity_validators(annotations):
         return validator.dimension
@@ -78,18 +78,18 @@ def _list_quantity_validators(annotations: Iterable[object]) -> Iterator[Quantit
         yield from _list_quantity_validators((*get_args(annotation), *metadata))
 
 
-def _write_value(value: object, quantity: str) -> object:
+def _convert_value(value: object, quantity: str) -> object:
     """Return a value as TOML holds it; numbers are of the quantity that their field reads."""
     if value is None:
         return "none"
     if isinstance(value, Dimension):
-        return _write_dimension(value)
+        return _convert_dimension(value)
     if isinstance(value, Sourced):
         return {"value": format_exactly(value.value, value.quantity), "source": value.source}
     if isinstance(value, Table):
-        return _write_table(value)
+        return _convert_table(value)
     if isinstance(value, tuple):
-        return [_write_value(item, quantity) for item in value]
+        return [_convert_value(item, quantity) for item in value]
     if isinstance(value, float) and quantity != "ratio":
         return format_exactly(value, quantity)
     if isinstance(value, str | int | float | dict):
@@ -97,21 +97,21 @@ def _write_value(value: object, quantity: str) -> object:
     raise StimulusError(f"a set must hold values that a file can state, got {value!r:.60}")
 
 
-def _write_table(table: Table) -> object:
+def _convert_table(table: Table) -> object:
     """Return a table as TOML holds it; a known material is its key."""
     for key, material in MATERIALS.items():
         if material == table:
             return key
-    return _list_fields(table)
+    return _convert_fields(table)
 
 
-def _write_dimension(dimension: Dimension) -> object:
+def _convert_dimension(dimension: Dimension) -> object:
     """Return a dimension as TOML holds it; what the standard or a default states is left to it."""
     nominal = format_exactly(dimension.nominal, dimension.quantity)
     fields = {"nominal": nominal}
     is_stated = not (dimension.general or dimension.usual or dimension.by_feel)
     if is_stated:
-        fields["tolerance"] = _write_tolerance(dimension)
+        fields["tolerance"] = _format_tolerance(dimension)
     if dimension.source:
         fields["source"] = dimension.source
     if len(fields) == 1:
@@ -119,7 +119,7 @@ def _write_dimension(dimension: Dimension) -> object:
     return fields
 
 
-def _write_tolerance(dimension: Dimension) -> str:
+def _format_tolerance(dimension: Dimension) -> str:
     """Write the deviations of a dimension: one to either side, or both."""
     upper = format_exactly(dimension.upper, dimension.quantity)
     if dimension.upper == -dimension.lower:

@@ -12,7 +12,7 @@ from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 from tomlkit.items import Item, String
 
-from stepblocks.declaration.read import read_set
+from stepblocks.declaration.read import validate_file_tables
 from stepblocks.declaration.set import StimulusSet, list_kinds
 from stepblocks.errors import PipelineError, StimulusError
 from stepblocks.files.atomic import replace_text
@@ -175,7 +175,7 @@ def check_text(text: str, path: Path) -> Checked:
     """Validate the text of a stimulus file, which is at a place or will be written there."""
     mistakes: list[Mistake] = []
     try:
-        stimuli = read_set(_parse_text(text, path), path, mistakes)
+        stimuli = validate_file_tables(_parse_text(text, path), path, mistakes)
     except StimulusError as error:
         return Checked(None, tuple(mistakes) or (("", str(error)),))
     return Checked(stimuli)
@@ -316,7 +316,7 @@ class Draft:
         PipelineError
             If it was changed since it was opened here, or cannot be written.
         """
-        read_set(self._parse(), self.path, [])
+        validate_file_tables(self._parse(), self.path, [])
         with hold_for_saving(self.path):
             if _read_text(self.path) != self._before:
                 raise PipelineError(texts.WAS_CHANGED.format(name=self.path.name))
