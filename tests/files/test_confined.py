@@ -14,7 +14,7 @@ import pytest
 
 from stepblocks.errors import MetrologyError
 from stepblocks.files import confined
-from stepblocks.files.confined import read_confined, read_own_files
+from stepblocks.files.confined import read_confined, read_in_this_process
 
 READERS = """
 import ctypes, os, time
@@ -132,7 +132,7 @@ def test_whatever_a_reader_does_is_one_line_and_the_next_file_is_read(
 
 
 def test_a_process_reads_what_it_wrote_itself_and_says_the_same_of_what_is_wrong(file):
-    with read_own_files():
+    with read_in_this_process():
         assert call(file, "number") == {"pid": os.getpid()}
         for reader in ("leaves", "fails", "says", "objects"):
             with pytest.raises(MetrologyError) as here:
@@ -213,7 +213,7 @@ def test_a_lower_limit_of_the_users_own_stays_and_refuses_no_file(file):
     code = """
 import resource, sys
 from pathlib import Path
-from stepblocks.files.confined import read_confined, read_own_files
+from stepblocks.files.confined import read_confined, read_in_this_process
 for kind, most in ((resource.RLIMIT_AS, 3 << 30), (resource.RLIMIT_DATA, 1 << 30)):
     resource.setrlimit(kind, (most, most))
 resource.setrlimit(resource.RLIMIT_CPU, (10, 10))

@@ -55,7 +55,7 @@ def compare_any_columns(path: Path, write: Callable[[dict[str, list]], None]) ->
     table = load_table(path)
     assert table.frame["name"].tolist() == ["a", "NA", "é", "d", "e", "f"]
     wanted = {"h": (("height",), "length", None), "f": (("load",), "force", None)}
-    read = read_si_columns(table.frame, wanted, table.source, lets_missing=True)
+    read = read_si_columns(table.frame, wanted, table.source, allow_missing=True)
     np.testing.assert_allclose(read["h"], np.array(gapped) * 1e-6, rtol=1e-14)
     np.testing.assert_allclose(read["f"], FORCES, rtol=1e-14)
 

@@ -81,7 +81,7 @@ def _read_covariate(table: TextTable, column: str) -> dict[str, Condition]:
     index = table.names.index(column)
     cells = table.get_cells(index)
     if table.holds_numbers(index):
-        found = table.read_sound_numbers(index, BenchError)
+        found = table.require_numbers(index, BenchError)
         warn_of_notes(filter(None, [found.describe(column)]), table.file)
         if not found.count and NumberNotation().parse_column(cells) is not None:
             return {}

@@ -22,7 +22,7 @@ from stepblocks.bench.calibration import Calibration, Frequency, Probe, Strict
 from stepblocks.bench.channel import Channel, DimensionedChannel, check_channels
 from stepblocks.bench.patterns import check_pattern, resolve_inside
 from stepblocks.errors import BenchError
-from stepblocks.files.decode import check_encoding
+from stepblocks.files.decode import find_encoding_name
 from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.files.text import Document, is_file, read_document
 from stepblocks.mistakes import Mistake, collect_mistakes, format_mistakes, list_mistakes
@@ -60,7 +60,7 @@ def _parse_full_scale(value: object) -> object:
 _FullScale = Annotated[float, BeforeValidator(_parse_full_scale), Field(gt=0.0, le=1e9)]
 _Delimiter = Annotated[str, Field(min_length=1, max_length=1)]
 _Decimal = Literal[".", ","]
-_Encoding = Annotated[str, AfterValidator(check_encoding)]
+_Encoding = Annotated[str, AfterValidator(find_encoding_name)]
 
 
 class Channels(Strict):

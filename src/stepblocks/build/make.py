@@ -25,7 +25,7 @@ from stepblocks.compute.cores import count_cores
 from stepblocks.compute.processes import prepare_workers
 from stepblocks.compute.seam import run_calls
 from stepblocks.files.atomic import make_draft_folder, move_into_place, sync_folder
-from stepblocks.files.confined import read_own_files
+from stepblocks.files.confined import read_in_this_process
 from stepblocks.files.packed import PackedFolder, pack_folder, unpack_folder
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.kind import Part
@@ -202,7 +202,7 @@ def _make_record(part: Part, key: str, draft: Path) -> StimulusRecord:
     # of all that was asked for: what somebody removes meanwhile is missed and not left out
     outputs = {path.name: hash_file(path) for path in sorted({*paths, *draft.iterdir()})}
     verdicts = []
-    with read_own_files():
+    with read_in_this_process():
         for path in paths:
             for verdict in check_artefact(part, path):
                 verdicts.append(RecordedVerdict(str(verdict), verdict.passed, verdict.as_record()))

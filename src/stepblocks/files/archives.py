@@ -7,12 +7,12 @@ from collections.abc import Callable
 _PINNED_DATE = (1980, 1, 1, 0, 0, 0)  # the earliest that a zip archive can hold
 
 
-def _keep(content: bytes) -> bytes:
+def _keep_member(content: bytes) -> bytes:
     """Return a member as it is."""
     return content
 
 
-def pin_archive(archive: bytes, change: Callable[[bytes], bytes] = _keep) -> bytes:
+def pin_archive_times(archive: bytes, change: Callable[[bytes], bytes] = _keep_member) -> bytes:
     """Return a zip archive with the times of its members pinned.
 
     Parameters

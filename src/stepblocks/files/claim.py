@@ -42,7 +42,7 @@ class FolderClaim:
         PipelineError
             If the folder holds results of another plan, or results without one.
         """
-        if self._is_claimed(store):
+        if self._holds_plan(store):
             if self._read_digest(store) != self.digest:
                 raise PipelineError(
                     f"folder holds {self.other_words}, or of another version of "
@@ -50,7 +50,7 @@ class FolderClaim:
                 )
             return
         # looked for again: another run of the same plan may have begun meanwhile
-        if store.has_any(self.results) and not self._is_claimed(store):
+        if store.has_any(self.results) and not self._holds_plan(store):
             raise PipelineError(
                 f"folder holds {self.result_words} without {self.file_name}; choose another "
                 f"folder [{store.place}]"
@@ -58,7 +58,7 @@ class FolderClaim:
         text = json.dumps(self.record, indent=1, sort_keys=True) + "\n"
         store.write(self.file_name, text.encode())
 
-    def _is_claimed(self, store: ResultStore) -> bool:
+    def _holds_plan(self, store: ResultStore) -> bool:
         """Tell whether a plan lies in a folder."""
         return store.has_any(self.file_name)
 

@@ -4,7 +4,7 @@ Readers of HDF5, MATLAB, TDMS, STEP, meshes and the files of instruments are mad
 Here a file that lies about its size, or whose reader never ends or dies, is one line and not a full
 machine. ``python -m`` on this module is that process: it takes calls as lines of JSON and answers
 in JSON and the bytes of arrays; nothing is unpickled, nothing evaluated. What a process has just
-written itself, it may read itself, within `read_own_files`.
+written itself, it may read itself, within `read_in_this_process`.
 """
 
 import atexit
@@ -31,7 +31,7 @@ from stepblocks.files.limits import MEMORY, Breach, Watch, limit_this_process, r
 from stepblocks.files.paths import describe_system_error
 from stepblocks.files.text import Document, measure_file_size
 
-__all__ = ["MEMORY", "read_confined", "read_own_files"]
+__all__ = ["MEMORY", "read_confined", "read_in_this_process"]
 
 _SECONDS, _PER_BYTE = 15.0, 1e-6  # of the processor, and more of it for a large file [s], [s/byte]
 # as long as that many times the processor time: a busy machine is no fault of the file
@@ -56,7 +56,7 @@ class _Answer:
 
 
 @contextmanager
-def read_own_files() -> Iterator[None]:
+def read_in_this_process() -> Iterator[None]:
     """Let `read_confined` call its readers in this process, for files that it wrote itself.
 
     A process of its own loads the CAD kernel and the readers of meshes a second time, which takes
@@ -226,7 +226,7 @@ def _answer_request(request: Mapping[str, Any]) -> _Answer:
     path, *arguments = request["arguments"]
     try:
         values = getattr(import_module(module), name)(Path(path), *arguments)
-        _refuse_objects(values)
+        _refuse_object_arrays(values)
     except MemoryError:
         return _Answer(refusal=_MEMORY_RULE)
     except KeyboardInterrupt:  # of the user, where nobody else reads
@@ -237,7 +237,7 @@ def _answer_request(request: Mapping[str, Any]) -> _Answer:
     return _Answer(values)
 
 
-def _refuse_objects(values: Mapping[str, object]) -> None:
+def _refuse_object_arrays(values: Mapping[str, object]) -> None:
     """Raise for an array whose bytes cannot be sent."""
     for value in values.values():
         if isinstance(value, np.ndarray) and value.dtype.hasobject:

@@ -91,7 +91,7 @@ def holds_dates(texts: Sequence[str]) -> bool:
     filled = [text for text in texts if not is_missing_word(text)]
     if not filled:
         return False
-    dates = sum(_match_date(text) is not None for text in filled)
+    dates = sum(_parse_date(text) is not None for text in filled)
     return dates > _USUAL_SHARE * len(filled)
 
 
@@ -116,22 +116,22 @@ def read_dates(texts: Sequence[str], name: str) -> DateColumn:
     DateError
         If a cell is no date, only some have an offset, or the order of day and month is open.
     """
-    written = _match_all(texts, name)
+    written = _parse_dates(texts, name)
     known = [row for row, date in enumerate(written) if date is not None]
     if not known:
         raise DateError(f"{name} must hold dates, got none")
-    _check_offsets(written, name)
+    _refuse_partial_offsets(written, name)
     orders = _find_orders(written, texts, name)
-    seconds = _convert_all(written, orders[0], texts, name)
+    seconds = _convert_dates(written, orders[0], texts, name)
     if len(orders) > 1:
-        _refuse_open_order(seconds, _convert_all(written, orders[1], texts, name), name, texts)
-    notes = _describe(written, seconds, orders, texts, name)
+        _refuse_open_order(seconds, _convert_dates(written, orders[1], texts, name), name, texts)
+    notes = _describe_column(written, seconds, orders, texts, name)
     first = written[known[0]]
     assert first is not None
-    return DateColumn(seconds, _name_order(first, orders[0]), notes)
+    return DateColumn(seconds, _find_written_order(first, orders[0]), notes)
 
 
-def _match_date(text: str) -> _Written | None:
+def _parse_date(text: str) -> _Written | None:
     """Return the parts of a date; None where a text is none."""
     text = text.strip()
     if len(text) > _LONGEST:
@@ -151,14 +151,14 @@ def _match_date(text: str) -> _Written | None:
     return None
 
 
-def _match_all(texts: Sequence[str], name: str) -> list[_Written | None]:
+def _parse_dates(texts: Sequence[str], name: str) -> list[_Written | None]:
     """Return the parts of each date, None for a cell without one; refuse what is neither."""
     written: list[_Written | None] = []
     for row, text in enumerate(texts):
         if is_missing_word(text):
             written.append(None)
             continue
-        date = _match_date(text)
+        date = _parse_date(text)
         if date is None:
             raise DateError(
                 f"{name} must be a date such as 2026-11-08 09:30, got {shorten_value(text)}", row
@@ -167,7 +167,7 @@ def _match_all(texts: Sequence[str], name: str) -> list[_Written | None]:
     return written
 
 
-def _check_offsets(written: Sequence[_Written | None], name: str) -> None:
+def _refuse_partial_offsets(written: Sequence[_Written | None], name: str) -> None:
     """Refuse a column in which only some times have an offset from UTC."""
     local = None
     fixed = None
@@ -212,7 +212,7 @@ def _find_orders(
     return [DateOrder.DAY_FIRST, DateOrder.MONTH_FIRST]
 
 
-def _convert_all(
+def _convert_dates(
     written: Sequence[_Written | None], order: DateOrder, texts: Sequence[str], name: str
 ) -> NDArray[np.float64]:
     """Return the seconds of each date in an order; NaN where there is none."""
@@ -221,7 +221,7 @@ def _convert_all(
         if date is None:
             continue
         try:
-            seconds[row] = _convert(date, order)
+            seconds[row] = _convert_to_seconds(date, order)
         except ValueError as error:
             raise DateError(
                 f"{name} must be a date of the calendar, got {texts[row]!r}: {error}", row
@@ -229,7 +229,7 @@ def _convert_all(
     return seconds
 
 
-def _convert(date: _Written, order: DateOrder) -> float:
+def _convert_to_seconds(date: _Written, order: DateOrder) -> float:
     """Return the seconds of a date since the begin of 1970."""
     parts = date.parts
     day = _NO_DATE
@@ -248,7 +248,7 @@ def _convert(date: _Written, order: DateOrder) -> float:
         int(parts.get("second", "0")),
         tzinfo=datetime.UTC,
     )
-    return moment.timestamp() + float(f"0.{fraction}") - _read_offset(parts.get("offset", ""))
+    return moment.timestamp() + float(f"0.{fraction}") - _parse_utc_offset(parts.get("offset", ""))
 
 
 def _make_day(parts: dict[str, str], order: DateOrder) -> datetime.date:
@@ -269,7 +269,7 @@ def _make_day(parts: dict[str, str], order: DateOrder) -> datetime.date:
     return datetime.date(year, second, first)
 
 
-def _read_offset(text: str) -> float:
+def _parse_utc_offset(text: str) -> float:
     """Return an offset from UTC [s]."""
     digits = text.lstrip("-+").replace(":", "")
     if not digits.isdigit():
@@ -298,7 +298,7 @@ def _refuse_open_order(
     )
 
 
-def _describe(
+def _describe_column(
     written: Sequence[_Written | None],
     seconds: NDArray[np.float64],
     orders: Sequence[DateOrder],
@@ -335,7 +335,7 @@ def _find_step_back(seconds: NDArray[np.float64]) -> int | None:
     return int(known[back[0] + 1])
 
 
-def _name_order(date: _Written, order: DateOrder) -> DateOrder:
+def _find_written_order(date: _Written, order: DateOrder) -> DateOrder:
     """Return the order in which a date is written."""
     if "year" not in date.parts:
         return DateOrder.TIME_ALONE

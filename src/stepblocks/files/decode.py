@@ -9,7 +9,13 @@ from dataclasses import dataclass
 
 from stepblocks.errors import StepblocksError
 
-__all__ = ["DecodedText", "check_encoding", "decode_marked", "decode_text", "skip_mark"]
+__all__ = [
+    "DecodedText",
+    "decode_text",
+    "decode_unicode",
+    "find_encoding_name",
+    "strip_byte_order_mark",
+]
 
 # the longer marks first: that of UTF-32 begins as that of UTF-16 does
 _ENCODING_BY_MARK = {
@@ -52,7 +58,7 @@ class DecodedText:
     note: str = ""
 
 
-def check_encoding(name: str) -> str:
+def find_encoding_name(name: str) -> str:
     """Return an encoding by the name that Python has for it; refuse what is none of text."""
     try:
         known = codecs.lookup(name).name
@@ -78,7 +84,7 @@ def decode_text(
     raises : type of StepblocksError
         Raised where the bytes are no text of the encoding.
     encoding : str, optional
-        What the file is declared to be, as `check_encoding` returns it; by default it is found.
+        What the file is declared to be, as `find_encoding_name` returns it; by default it is found.
 
     Returns
     -------
@@ -90,7 +96,7 @@ def decode_text(
     for mark, marked in _ENCODING_BY_MARK.items():
         if raw.startswith(mark):
             return DecodedText(_decode_as(raw, marked, place, raises), marked)
-    unmarked = _find_wide_encoding(raw)
+    unmarked = _find_unmarked_utf16(raw)
     if unmarked:
         text = _decode_as(raw, unmarked, place, raises)
         return DecodedText(text, unmarked, f"read as {unmarked.upper()} without a mark")
@@ -101,7 +107,7 @@ def decode_text(
     return DecodedText(text, _WESTERN, "read as Windows-1252 (cp1252), since it is no UTF-8")
 
 
-def decode_marked(raw: bytes) -> str:
+def decode_unicode(raw: bytes) -> str:
     """Decode UTF-8, or what the mark at the begin of a text says; the mark is left out.
 
     Raises
@@ -111,11 +117,11 @@ def decode_marked(raw: bytes) -> str:
     """
     for mark, marked in _ENCODING_BY_MARK.items():
         if raw.startswith(mark):
-            return skip_mark(raw.decode(marked))
+            return strip_byte_order_mark(raw.decode(marked))
     return raw.decode("utf-8")
 
 
-def skip_mark(text: str) -> str:
+def strip_byte_order_mark(text: str) -> str:
     """Return a text without the byte order mark that it may begin with."""
     return text.removeprefix(_MARK)
 
@@ -123,7 +129,7 @@ def skip_mark(text: str) -> str:
 def _decode_as(raw: bytes, encoding: str, place: object, raises: type[StepblocksError]) -> str:
     """Decode by a known encoding, without the mark."""
     try:
-        return skip_mark(raw.decode(encoding))
+        return strip_byte_order_mark(raw.decode(encoding))
     except (UnicodeDecodeError, UnicodeError) as error:
         start = getattr(error, "start", 0)
         line = raw[:start].count(b"\n") + 1
@@ -132,7 +138,7 @@ def _decode_as(raw: bytes, encoding: str, place: object, raises: type[Stepblocks
         ) from error
 
 
-def _find_wide_encoding(raw: bytes) -> str:
+def _find_unmarked_utf16(raw: bytes) -> str:
     """Return the UTF-16 that a text without a mark is written in; empty where it is none."""
     probe = raw[:_PROBED_BYTES]
     probe = probe[: len(probe) - len(probe) % 2]

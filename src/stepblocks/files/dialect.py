@@ -127,7 +127,7 @@ def find_dialect(text: str, separator: str | None = None) -> Dialect:
     best_score = (0.0, 0.0, 0)
     for candidate in _SEPARATORS:
         dialect = Dialect(candidate, quote)
-        score = _score(dialect, sample)
+        score = _rate_dialect(dialect, sample)
         if score > best_score:
             best, best_score = dialect, score
     return best
@@ -199,7 +199,7 @@ def find_quote(lines: Sequence[str]) -> str:
     return "'" if len(single) > len(lines) / 2 else '"'
 
 
-def _score(dialect: Dialect, sample: str) -> tuple[float, float, int]:
+def _rate_dialect(dialect: Dialect, sample: str) -> tuple[float, float, int]:
     """Rate a dialect: share of the rows that fit, share of the cells below that are numbers.
 
     The third figure is the number of columns. Only a table of two columns or more is rated.
@@ -207,7 +207,7 @@ def _score(dialect: Dialect, sample: str) -> tuple[float, float, int]:
     try:
         records = [record for record in dialect.split(sample) if not record.is_empty]
     except csv.Error:
-        records = _drop_last_line(dialect, sample)
+        records = _split_without_last_lines(dialect, sample)
     if not records:
         return 0.0, 0.0, 0
     widths = Counter(count_cells(record.cells) for record in records)
@@ -219,7 +219,7 @@ def _score(dialect: Dialect, sample: str) -> tuple[float, float, int]:
     if columns >= 2:
         fitting = _count_fitting_rows(records, columns)
     below = records[1:] or records
-    return fitting / len(records), _measure_numbers(below), columns
+    return fitting / len(records), _compute_number_share(below), columns
 
 
 def _count_fitting_rows(records: Sequence[Record], columns: int) -> int:
@@ -232,7 +232,7 @@ def _count_fitting_rows(records: Sequence[Record], columns: int) -> int:
     return fitting
 
 
-def _drop_last_line(dialect: Dialect, sample: str) -> list[Record]:
+def _split_without_last_lines(dialect: Dialect, sample: str) -> list[Record]:
     """Split a sample that ends within a quoted cell, without its last lines."""
     records = []
     try:
@@ -252,7 +252,7 @@ def count_cells(cells: Sequence[str]) -> int:
     return count
 
 
-def _measure_numbers(records: Iterable[Record]) -> float:
+def _compute_number_share(records: Iterable[Record]) -> float:
     """Return the share of the filled cells that are numbers or say that one is missing."""
     numbers = 0
     filled = 0

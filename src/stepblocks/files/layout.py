@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from stepblocks.errors import StepblocksError, UsageError
-from stepblocks.files.decode import check_encoding
+from stepblocks.files.decode import find_encoding_name
 
 __all__ = [
     "UNDECLARED",
@@ -122,7 +122,7 @@ def read_missing_value(text: str) -> float | str:
 def _check_encoding(name: str) -> str:
     """Return an encoding by Python's name for it; refuse one that is none of text."""
     try:
-        return check_encoding(name)
+        return find_encoding_name(name)
     except (ValueError, TypeError) as error:
         raise UsageError(str(error)) from error
 

@@ -143,10 +143,10 @@ def list_missing_words(cells: Sequence[str]) -> tuple[str, ...]:
 
     An empty cell needs no word, and ``nan`` is what a program writes for no number.
     """
-    return tuple(cell for cell in cells if is_missing_word(cell) and not _is_plain_gap(cell))
+    return tuple(cell for cell in cells if is_missing_word(cell) and not _is_empty_or_nan(cell))
 
 
-def _is_plain_gap(cell: str) -> bool:
+def _is_empty_or_nan(cell: str) -> bool:
     """Tell whether a cell is empty or not-a-number, and so needs no note."""
     return cell.strip().lower().lstrip("+-") in ("", "nan")
 
@@ -183,15 +183,15 @@ def blank_fill_values(
             present.append(candidate)
             is_fill |= found
     if present and declared is None:
-        present = _choose_outstanding(values[~is_fill], present)
-        is_fill = _match_any(values, present)
+        present = _choose_outlying_fills(values[~is_fill], present)
+        is_fill = _match_fills(values, present)
     if not present:
         return FillFound(values)
     blanked = np.where(is_fill, np.nan, values)
     return FillFound(blanked, tuple(present), count=int(is_fill.sum()))
 
 
-def _choose_outstanding(rest: NDArray[np.float64], present: Sequence[float]) -> list[float]:
+def _choose_outlying_fills(rest: NDArray[np.float64], present: Sequence[float]) -> list[float]:
     """Return the fill values that stand far off all other numbers of their column."""
     finite = np.abs(rest[np.isfinite(rest)])
     if not finite.size:
@@ -200,7 +200,7 @@ def _choose_outstanding(rest: NDArray[np.float64], present: Sequence[float]) -> 
     return [fill for fill in present if abs(fill) > _STANDS_OUT * largest]
 
 
-def _match_any(values: NDArray[np.float64], fills: Sequence[float]) -> NDArray[np.bool_]:
+def _match_fills(values: NDArray[np.float64], fills: Sequence[float]) -> NDArray[np.bool_]:
     """Tell which numbers of a column are one of some fill values."""
     is_fill = np.zeros(values.shape, dtype=bool)
     for fill in fills:

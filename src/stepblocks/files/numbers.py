@@ -139,7 +139,7 @@ class _Evidence:
 
     def add(self, text: str) -> None:
         """Note what one number shows."""
-        sign = _find_sign(text)
+        sign = _classify_sign(text)
         if sign is not _Sign.NOTHING:
             self.seen.setdefault(sign, text)
 
@@ -190,7 +190,7 @@ def find_notation(texts: Iterable[str]) -> NumberNotation:
     return NumberNotation(".")
 
 
-def _find_sign(text: str) -> _Sign:
+def _classify_sign(text: str) -> _Sign:
     """Say what a number shows about the decimal sign; nothing where it is no number."""
     parsed = _NUMBER.fullmatch(simplify_number(text))
     if parsed is None:

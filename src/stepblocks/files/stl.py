@@ -34,7 +34,7 @@ def read_stl(path: Path) -> FacetMesh:
         normals = facets["normal"].astype(np.float64)
         corners = facets["corners"].astype(np.float64)
     else:
-        numbers = _read_text(raw)
+        numbers = _read_text_facets(raw)
         normals = numbers[:, :3]
         corners = numbers[:, 3:].reshape(-1, 3, 3)
     vertices, indices = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
@@ -49,7 +49,7 @@ def _is_binary(raw: bytes) -> bool:
     return len(raw) == _HEAD_BYTES + int(count) * _FACET.itemsize
 
 
-def _read_text(raw: bytes) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+def _read_text_facets(raw: bytes) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
     """Read normals and corners of facets in text, shape (m, 12)."""
     text = raw.decode("utf-8-sig", errors="replace")
     if not text.lstrip()[:5].lower() == "solid":

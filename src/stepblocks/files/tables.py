@@ -133,7 +133,7 @@ def load_table(
         if name in texts or not source.holds_numbers(number):
             columns[name] = _make_text_column(source.get_cells(number))
             continue
-        numbers = source.read_sound_numbers(number, PipelineError)
+        numbers = source.require_numbers(number, PipelineError)
         notes += filter(None, [numbers.describe(name)])
         columns[name] = _make_number_column(numbers.values)
     frame = pd.DataFrame(columns)
@@ -167,7 +167,7 @@ def _append_units(frame: "pd.DataFrame", source: TextTable) -> "pd.DataFrame":
         return frame
     renamed = {}
     for name, unit in zip(source.names, source.units, strict=True):
-        stated = find_unit_of_name(name)
+        stated = parse_unit_of_name(name)
         if unit in ("", "-", "1") or simplify_unit(unit) == stated:
             continue
         if stated:
@@ -197,7 +197,7 @@ def convert_dataset(dataset: Any) -> "pd.DataFrame":
     renamed = {}
     for name, variable in dataset.variables.items():
         unit = variable.attrs.get("units")
-        stated = find_unit_of_name(str(name))
+        stated = parse_unit_of_name(str(name))
         if unit is None or simplify_unit(str(unit)) == stated:
             continue
         if stated:
@@ -231,7 +231,7 @@ def simplify_unit(unit: str) -> str:
     return unit.strip("[]() ").replace("µ", "u").replace("μ", "u").replace(" ", "")
 
 
-def find_unit_of_name(name: str) -> str:
+def parse_unit_of_name(name: str) -> str:
     """Return the unit that a column's name states by its suffix or in brackets; empty without."""
     bracketed = _BRACKETED.fullmatch(name)
     if bracketed:
@@ -287,7 +287,7 @@ def read_si_columns(
     wanted: Mapping[str, tuple[Sequence[str], str, float | None]],
     place: object,
     *,
-    lets_missing: bool = False,
+    allow_missing: bool = False,
 ) -> dict[str, NDArray[np.float64]]:
     """Find columns by any of their names and units, and return them in SI.
 
@@ -300,7 +300,7 @@ def read_si_columns(
         column must be there (see `ColumnRule`).
     place : object
         Where the table stands, for the message; a `TextTable` says the line or the cell.
-    lets_missing : bool
+    allow_missing : bool
         Whether a number that is missing stays NaN, for a caller who says of each row what is wrong
         with it; an infinite number, or a text that is none, is refused all the same.
 
@@ -323,7 +323,7 @@ def read_si_columns(
     found: dict[str, NDArray[np.float64]] = {}
     for key, rule in rules.items():
         units = rule.list_columns()
-        present = _find_columns(frame, units)
+        present = _map_columns_to_known(frame, units)
         if len(present) > 1:
             names = " and ".join(present)
             mistakes.append(("", f"table must have one of the columns {names}, not both"))
@@ -335,7 +335,7 @@ def read_si_columns(
                 list(frame.columns).index(column),
                 place if isinstance(place, TextTable) else None,
             )
-            found[key] = _convert_column(frame[column], reading, mistakes, lets_missing)
+            found[key] = _convert_column(frame[column], reading, mistakes, allow_missing)
         elif rule.default is not None:
             found[key] = np.full(len(frame), rule.default)
         elif meant.isdisjoint(units):
@@ -367,7 +367,7 @@ class _ColumnReading:
             return f"row {row + 1}"
         return self.source.name_row(row, self.column)
 
-    def show_cell(self, row: int, value: object) -> str:
+    def format_wrong_cell(self, row: int, value: object) -> str:
         """Write a cell that is no finite number as its file does."""
         if isinstance(value, np.generic):
             value = value.item()
@@ -381,7 +381,7 @@ class _ColumnReading:
         return shorten_value(written).strip("'")
 
 
-def _find_columns(frame: "pd.DataFrame", units: Mapping[str, str]) -> dict[str, str]:
+def _map_columns_to_known(frame: "pd.DataFrame", units: Mapping[str, str]) -> dict[str, str]:
     """Return the known name that each column of a table means, by the column's own name."""
     present = {}
     for column in frame.columns:
@@ -409,7 +409,7 @@ def _find_misspelt_defaults(frame: "pd.DataFrame", rules: Sequence[ColumnRule]) 
 
 
 def _convert_column(
-    cells: "pd.Series", reading: _ColumnReading, mistakes: list[Mistake], lets_missing: bool
+    cells: "pd.Series", reading: _ColumnReading, mistakes: list[Mistake], allow_missing: bool
 ) -> NDArray[np.float64]:
     """Return a column in SI; cells that are no finite number are added to the mistakes."""
     if getattr(cells.dtype, "kind", None) in _NO_NUMBER_KINDS:
@@ -417,12 +417,10 @@ def _convert_column(
         return np.full(len(cells), np.nan)
     numbers = _read_cells(cells, reading.notation)
     is_wrong = ~np.isfinite(numbers)
-    if lets_missing:
-        is_wrong &= np.isinf(numbers) | _find_words(cells)
+    if allow_missing:
+        is_wrong &= np.isinf(numbers) | _find_word_cells(cells)
     for row in np.flatnonzero(is_wrong).tolist():
-        rule = (
-            f"{cells.name} must be a finite number, got {reading.show_cell(row, cells.iloc[row])}"
-        )
+        rule = f"{cells.name} must be a finite number, got {reading.format_wrong_cell(row, cells.iloc[row])}"
         mistakes.append((reading.name_row(row), rule))
     factor = 1.0
     if reading.unit:
@@ -439,7 +437,7 @@ def _holds_objects(cells: "pd.Series") -> bool:
     return bool(pd.api.types.is_string_dtype(cells))
 
 
-def _find_words(cells: "pd.Series") -> NDArray[np.bool_]:
+def _find_word_cells(cells: "pd.Series") -> NDArray[np.bool_]:
     """Tell which cells of a column are texts that stand for no number, shape (rows,)."""
     if not _holds_objects(cells):
         return np.zeros(len(cells), dtype=bool)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from stepblocks.errors import StepblocksError
-from stepblocks.files.decode import decode_marked
+from stepblocks.files.decode import decode_unicode
 from stepblocks.files.paths import describe_system_error
 
 Document = dict[str, Any]  # an object of JSON or a table of TOML, before its values are checked
@@ -81,7 +81,7 @@ def read_document(
         size = measure_file_size(path)
         if size > most:
             raise raises(f"{what} must be at most {most} bytes, got {size} [{path}]")
-        return parse(decode_marked(path.read_bytes()).replace("\r\n", "\n"))
+        return parse(decode_unicode(path.read_bytes()).replace("\r\n", "\n"))
     except OSError as error:
         reason = describe_system_error(error, path)
         raise raises(f"{what} cannot be read: {reason} [{path}]") from error

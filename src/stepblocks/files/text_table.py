@@ -182,7 +182,7 @@ class TextTable:
             found = blank_fill_values(values)
         return replace(found, words=words)
 
-    def read_sound_numbers(self, column: int, raises: type[StepblocksError]) -> FillFound:
+    def require_numbers(self, column: int, raises: type[StepblocksError]) -> FillFound:
         """Read a column of numbers, and raise with name and place where a cell is none."""
         try:
             return self.read_numbers(column)
@@ -355,13 +355,13 @@ def build_table(
     if shape.has_header:
         names = _pop_header(records, raw.comments, notes)
     place = f"{file}, {raw.sheet}" if raw.sheet else file
-    width = _find_width(records, names)
+    width = _count_columns(records, names)
     if width > _MOST_COLUMNS:
         raise raises(f"table must have at most {_MOST_COLUMNS} columns, got {width} [{place}]")
     _drop_dash_row(records, notes)
     if not shape.keeps_ragged:
         _refuse_ragged_rows(records, width, place, raises, bool(raw.sheet))
-    has_trailing = _cut_rows(records, width) or len(names) > width
+    has_trailing = _drop_trailing_cells(records, width) or len(names) > width
     if has_trailing and not raw.sheet:
         notes.append("empty cells behind the last column are left out")
     names = _name_columns(names[:width], records, bool(raw.sheet), place, raises)
@@ -374,7 +374,7 @@ def build_table(
         units=units,
         sheet=raw.sheet,
     )
-    notation = _settle_notation(table, layout, raises)
+    notation = _choose_notation(table, layout, raises)
     if notation.decimal == "," and layout.decimal is None:
         notes.append("numbers are written with decimal commas")
     table = replace(table, notation=notation, notes=tuple(notes))
@@ -421,7 +421,7 @@ def _are_numbers(cells: Sequence[str]) -> bool:
     return all(is_number_in_any_notation(cell) for cell in cells if cell)
 
 
-def _find_width(records: Sequence[Record], names: Sequence[str]) -> int:
+def _count_columns(records: Sequence[Record], names: Sequence[str]) -> int:
     """Return the number of columns: of the header, else of the rows without what they end in."""
     if names:
         return count_cells(names)
@@ -430,7 +430,7 @@ def _find_width(records: Sequence[Record], names: Sequence[str]) -> int:
     return max(filled, shortest)
 
 
-def _are_as_wide(records: Sequence[Record], width: int) -> bool:
+def _all_have_width(records: Sequence[Record], width: int) -> bool:
     """Tell whether all rows have some number of cells."""
     return {len(record.cells) for record in records} <= {width}
 
@@ -443,7 +443,7 @@ def _refuse_ragged_rows(
     is_sheet_row: bool,
 ) -> None:
     """Refuse rows with more filled cells than columns, or, in a text, with fewer cells."""
-    if _are_as_wide(records, width):
+    if _all_have_width(records, width):
         return
     unit = "row" if is_sheet_row else "line"
     mistakes: list[Mistake] = []
@@ -467,9 +467,9 @@ def _refuse_ragged_rows(
         raise raises(format_mistakes(mistakes, place))
 
 
-def _cut_rows(records: list[Record], width: int) -> bool:
+def _drop_trailing_cells(records: list[Record], width: int) -> bool:
     """Leave out empty cells behind the last column, and say whether there were any."""
-    if _are_as_wide(records, width):
+    if _all_have_width(records, width):
         return False
     has_trailing = False
     for number, record in enumerate(records):
@@ -542,7 +542,7 @@ def _pop_units(records: list[Record], names: Sequence[str], notes: list[str]) ->
     return units
 
 
-def _settle_notation(
+def _choose_notation(
     table: TextTable, layout: TableLayout, raises: type[StepblocksError]
 ) -> NumberNotation:
     """Return the notation of a table's numbers, as declared or as found in its columns of numbers.
@@ -554,7 +554,7 @@ def _settle_notation(
     if table.sheet:
         return NumberNotation()
     try:
-        return find_notation(_list_doubtful_cells(table))
+        return find_notation(_list_cells_for_notation(table))
     except NotationError as error:
         row = _find_row_with(table, error.number)
         raise raises(f"{error} [{table.file}, {table.name_row(row)}]") from error
@@ -568,7 +568,7 @@ def _find_row_with(table: TextTable, cell: str) -> int:
     return 0
 
 
-def _list_doubtful_cells(table: TextTable) -> Iterator[str]:
+def _list_cells_for_notation(table: TextTable) -> Iterator[str]:
     """Yield the cells that may tell a decimal comma: those of columns of numbers with a comma.
 
     Where none has a comma, the plain numbers need no look.

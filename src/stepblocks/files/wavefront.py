@@ -54,7 +54,7 @@ def read_obj(path: Path) -> FacetMesh:
     content = _Content()
     for number, words in _list_statements(path.read_text(encoding="utf-8-sig")):
         try:
-            _read_statement(words, content)
+            _add_statement(words, content)
         except (ValueError, IndexError) as error:
             raise ValueError(f"line {number}: {' '.join(words)[:60]!r}: {error}") from error
     return FacetMesh(
@@ -78,7 +78,7 @@ def _list_statements(text: str) -> Iterator[tuple[int, list[str]]]:
             yield number, words
 
 
-def _read_statement(words: Sequence[str], content: _Content) -> None:
+def _add_statement(words: Sequence[str], content: _Content) -> None:
     """Add what one statement says."""
     keyword, *values = words
     if keyword == "v":
@@ -105,12 +105,12 @@ def _add_polygon(corners: Sequence[str], content: _Content) -> None:
     normals = []
     for corner in corners:
         vertex, _, texture_and_normal = corner.partition("/")
-        indices.append(_find_index(vertex, len(content.vertices)))
+        indices.append(_parse_index(vertex, len(content.vertices)))
         normal = ""
         if "/" in texture_and_normal:
             _, _, normal = texture_and_normal.rpartition("/")
         if normal:
-            normals.append(content.normals[_find_index(normal, len(content.normals))])
+            normals.append(content.normals[_parse_index(normal, len(content.normals))])
     if len(indices) < _SPATIAL:
         raise ValueError(f"a polygon has 3 corners or more, got {len(indices)}")
     stated = tuple(np.sum(normals, axis=0)) if normals else (0.0, 0.0, 0.0)
@@ -120,7 +120,7 @@ def _add_polygon(corners: Sequence[str], content: _Content) -> None:
         content.normals_of_triangles.append(stated)
 
 
-def _find_index(text: str, count: int) -> int:
+def _parse_index(text: str, count: int) -> int:
     """Return an index from 0: OBJ counts from 1, and from -1 backwards."""
     number = int(text)
     index = number - 1 if number > 0 else count + number

@@ -261,13 +261,13 @@ def read_discrimination(
         refuse_layout(layout, "a table in memory", PipelineError)
         places = [f"row {row + 1}" for row in range(len(table))]
         source = "table"
-        columns = read_si_columns(table, _COLUMNS, source, lets_missing=True)
+        columns = read_si_columns(table, _COLUMNS, source, allow_missing=True)
     else:
         loaded = load_table(Path(table), layout=layout)
         warn_of_notes(loaded.notes, table)
         places = list(map(loaded.source.name_row, range(len(loaded.frame))))
         source = str(table)
-        columns = read_si_columns(loaded.frame, _COLUMNS, loaded.source, lets_missing=True)
+        columns = read_si_columns(loaded.frame, _COLUMNS, loaded.source, allow_missing=True)
     fractions: list[WeberFraction] = []
     mistakes: list[Mistake] = []
     for row, place in enumerate(places):

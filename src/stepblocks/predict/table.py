@@ -137,7 +137,7 @@ def _read_columns(frame: pd.DataFrame, place: object) -> dict[str, Array]:
     for name, (aliases, dimension, _) in _COLUMNS.items():
         names_of_column = tuple(f"u_{alias}" for alias in aliases)
         wanted[f"u_{name}"] = (names_of_column, dimension, 0.0)
-    return read_si_columns(frame, wanted, place, lets_missing=True)
+    return read_si_columns(frame, wanted, place, allow_missing=True)
 
 
 def _predict_rows(columns: dict[str, Array], count: int) -> pd.DataFrame:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from stepblocks.compute.collector import pause_collector
-from stepblocks.files.archives import pin_archive
+from stepblocks.files.archives import pin_archive_times
 from stepblocks.parts.shapes import Mesh
 
 _MM = 1e3
@@ -57,7 +57,7 @@ def write_ply(path: Path, mesh: Mesh) -> None:
 def write_3mf(path: Path, mesh: Mesh) -> None:
     """Write 3MF in millimetres, decimal text, its random identifiers replaced by counted ones."""
     exported = _build_trimesh(mesh, _MM).export(file_type="3mf")
-    path.write_bytes(pin_archive(exported, _number_identifiers))
+    path.write_bytes(pin_archive_times(exported, _number_identifiers))
 
 
 def _number_identifiers(text: bytes) -> bytes:

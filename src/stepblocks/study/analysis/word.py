@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from stepblocks.files.archives import pin_archive
+from stepblocks.files.archives import pin_archive_times
 from stepblocks.study.analysis.paper import PaperTable
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ def write_word(tables: Sequence[PaperTable]) -> bytes:
         _add_table(document, number, table)
     buffer = io.BytesIO()
     document.save(buffer)
-    return pin_archive(buffer.getvalue())
+    return pin_archive_times(buffer.getvalue())
 
 
 def _set_properties(document: "Document") -> None:

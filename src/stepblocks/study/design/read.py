@@ -271,7 +271,7 @@ def _clean_cells(table: TextTable, column: int) -> list[str]:
     cells = table.get_cells(column)
     if not table.holds_numbers(column):
         return list(map(_empty_if_missing, cells))
-    found = table.read_sound_numbers(column, StudyError)
+    found = table.require_numbers(column, StudyError)
     found = replace(found, words=())  # the notes of a study count the missing answers
     warn_of_notes(filter(None, [found.describe(table.names[column])]), table.file)
     cleaned = []
