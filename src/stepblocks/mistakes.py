@@ -122,7 +122,9 @@ def list_mistakes(
     validate : callable, optional
         Validates corrected data again; the model where omitted.
     """
-    findings = _drop_consequences(_check_corrected_names(error, model, data, validate))
+    findings = _leave_out_consequences(
+        _list_findings_after_correction(error, model, data, validate)
+    )
     mistakes: list[Mistake] = []
     for finding in sorted(findings, key=lambda found: not _is_unknown_name(found)):
         place, remainder = locate(finding["loc"])
@@ -139,7 +141,7 @@ def _is_unknown_name(finding: ErrorDetails) -> bool:
     return finding["type"] == "extra_forbidden"
 
 
-def _check_corrected_names(
+def _list_findings_after_correction(
     error: ValidationError,
     model: type[BaseModel],
     data: object,
@@ -160,7 +162,7 @@ def _check_corrected_names(
     return unknown
 
 
-def _drop_consequences(findings: Sequence[ErrorDetails]) -> list[ErrorDetails]:
+def _leave_out_consequences(findings: Sequence[ErrorDetails]) -> list[ErrorDetails]:
     """Leave out that a list is too short where the entries that fell out of it are listed."""
     above = set()
     for finding in findings:

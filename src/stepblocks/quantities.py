@@ -140,11 +140,11 @@ def parse_quantity(text: object, dimension: str) -> float:
     """
     _check_dimension(dimension)
     unit, example = _KNOWN[dimension]
-    wanted = f"{_write_rule(dimension)} such as {example!r}"
+    wanted = f"{_format_rule(dimension)} such as {example!r}"
     if is_quantity(text):
         value = _convert_quantity(text, unit, wanted)
     elif isinstance(text, str):
-        value = _find_magnitude(text, unit, wanted)
+        value = _parse_magnitude(text, unit, wanted)
     elif isinstance(text, int | float) and dimension == "ratio" and not isinstance(text, bool):
         value = _convert_ratio(text, wanted)
     else:
@@ -162,7 +162,7 @@ def is_quantity(value: object) -> bool:
     return hasattr(value, "magnitude") and hasattr(value, "units") and hasattr(value, "to")
 
 
-def take_scalar(value: Any) -> Any:
+def unwrap_array_scalar(value: Any) -> Any:
     """Return the number in an array without dimensions, with its unit where xarray states one.
 
     Anything else is returned as it is.
@@ -214,16 +214,18 @@ def read_array(values: object, dimension: str) -> "NDArray[np.float64]":
     given: Any = values
     if is_quantity(given):
         plain = read_array(given.magnitude, "ratio")
-        factor = _convert_unit_of_array(given.units, dimension)
+        factor = _find_unit_size(given.units, dimension)
         return np.asarray(multiply_by_unit(plain, factor))
     attributes = getattr(given, "attrs", None)
     if isinstance(attributes, dict) and isinstance(attributes.get("units"), str):
         factor = parse_quantity(f"1 {attributes['units']}", dimension)
-        return np.asarray(multiply_by_unit(_convert_with_missing(given.values, dimension), factor))
-    return _convert_with_missing(given, dimension)
+        return np.asarray(
+            multiply_by_unit(_convert_numbers_or_texts(given.values, dimension), factor)
+        )
+    return _convert_numbers_or_texts(given, dimension)
 
 
-def _write_rule(dimension: str) -> str:
+def _format_rule(dimension: str) -> str:
     """Say that a value must have a dimension, as in ``must be a length``."""
     article = "a"
     if dimension[0] in "ae":
@@ -231,16 +233,16 @@ def _write_rule(dimension: str) -> str:
     return f"must be {article} {dimension}"
 
 
-def _convert_unit_of_array(unit: Any, dimension: str) -> float:
+def _find_unit_size(unit: Any, dimension: str) -> float:
     """Return the size of a unit of Pint in SI; refuse one of another dimension."""
-    wanted = _write_rule(dimension)
+    wanted = _format_rule(dimension)
     try:
         return _convert_quantity(1.0 * unit, DIMENSIONS[dimension], wanted)
     except QuantityError as error:
         raise QuantityError(f"{wanted}, got the unit {unit!s:.60}") from error
 
 
-def _convert_with_missing(values: Any, dimension: str) -> "NDArray[np.float64]":
+def _convert_numbers_or_texts(values: Any, dimension: str) -> "NDArray[np.float64]":
     """Return numbers, or texts with units, as an array in SI, NaN where one is missing."""
     import numpy as np
 
@@ -260,7 +262,7 @@ def _convert_with_missing(values: Any, dimension: str) -> "NDArray[np.float64]":
         return _read_objects(objects, dimension)
     array = np.asarray(values)
     if array.dtype.kind == "b" and array.size:
-        return _convert_with_missing(array, dimension)
+        return _convert_numbers_or_texts(array, dimension)
     if array.dtype.kind in "biuf":
         return np.asarray(array, dtype=np.float64)
     return _read_objects(np.asarray(values, dtype=object), dimension)
@@ -295,7 +297,7 @@ def _convert_quantity(quantity: Any, unit: str, wanted: str) -> float:
         if unit == "K":  # a scale of temperature has an offset beside the size of its degree
             return float(quantity.to("kelvin").magnitude)
         factor = float((1.0 * quantity.units).to(unit or "dimensionless").magnitude)
-    except _unit_errors() as error:
+    except _list_unit_errors() as error:
         shown = " ".join(str(quantity).split())
         raise QuantityError(f"{wanted}, got {shown:.60}") from error
     return multiply_by_unit(magnitude, factor)
@@ -317,7 +319,7 @@ def _convert_ratio(number: float, wanted: str) -> float:
 
 
 @lru_cache(maxsize=4096)  # the stanzas of a series share all but a few of their texts
-def _find_magnitude(text: str, unit: str, wanted: str) -> float:
+def _parse_magnitude(text: str, unit: str, wanted: str) -> float:
     """Return the number of a text in a unit; `wanted` begins the message where there is none."""
     if len(text) > _MAX_TEXT:
         raise QuantityError(f"{wanted}, got {text[: _MAX_TEXT - 3] + '...'!r}")
@@ -330,7 +332,7 @@ def _find_magnitude(text: str, unit: str, wanted: str) -> float:
         return float(multiply_by_unit(number, size))
     try:
         return _convert_unit(number, parsed[2] or "dimensionless", unit or "dimensionless")
-    except _unit_errors() as error:
+    except _list_unit_errors() as error:
         raise QuantityError(f"{wanted}, got {text!r}") from error
 
 
@@ -347,7 +349,7 @@ def _convert_unit(number: float, written: str, unit: str) -> float:
 
 
 @cache
-def _unit_errors() -> tuple[type[Exception], ...]:
+def _list_unit_errors() -> tuple[type[Exception], ...]:
     """Return what Pint raises over a text that is no unit."""
     import pint
 

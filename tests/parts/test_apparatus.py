@@ -20,7 +20,7 @@ from stepblocks.parts.apparatus.flexure import compute_flexure, compute_leaf_sti
 from stepblocks.parts.apparatus.interference import POSITIONS, find_interferences
 from stepblocks.parts.apparatus.layout import list_components, list_stages
 from stepblocks.parts.apparatus.loads import compute_normal_load, compute_pull
-from stepblocks.parts.apparatus.solids import find_h7, make_bore, make_box
+from stepblocks.parts.apparatus.solids import find_h7_deviations, make_bore, make_box
 
 FILE = Path(__file__).resolve().parents[2] / "stimuli" / "apparatus.toml"
 SET = load_set(FILE)
@@ -106,7 +106,7 @@ def test_screws_meet_the_holes_that_they_go_through():
     ("diameter", "upper"), [(2e-3, 10e-6), (4e-3, 12e-6), (8e-3, 15e-6), (15e-3, 18e-6)]
 )
 def test_a_bore_h7_has_the_deviations_of_iso_286_2(diameter, upper):
-    assert find_h7(diameter) == (upper, 0.0)
+    assert find_h7_deviations(diameter) == (upper, 0.0)
 
 
 def test_loads_agree_with_statics_by_hand():

@@ -15,8 +15,8 @@ from stepblocks.errors import MachiningError
 from stepblocks.parts.gauge_pair import (
     GRADES,
     STANDARD_SET,
-    choose_base,
     choose_pair,
+    make_gauge_base,
 )
 from stepblocks.workshop.setup import write_setup
 
@@ -80,7 +80,7 @@ def test_the_setup_sheet_states_the_parts_of_the_assembly_and_its_base(tmp_path)
     page, _ = write_setup(tmp_path, BLOCK, (), pair)
     text = " ".join(page.read_text().split())  # as it is read
     # base and lower gauge block are together as thick as the body that is asked for
-    base = choose_base(BLOCK, pair)
+    base = make_gauge_base(BLOCK, pair)
     assert base.thickness.nominal + pair.lower == pytest.approx(8e-3)
     assert base.mounting == BLOCK.body.mounting
     assert f"x {base.thickness.nominal * 1e3:.7g} mm" in text

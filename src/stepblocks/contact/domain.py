@@ -13,7 +13,7 @@ from stepblocks.quantities import (
     is_quantity,
     parse_quantity,
     read_array,
-    take_scalar,
+    unwrap_array_scalar,
 )
 
 Real = Any  # a float or an array of them: what is given decides what comes out
@@ -65,7 +65,7 @@ def _require_between(
 
 def read_number(name: str, value: object, dimension: str) -> float:
     """Read a number in SI, or one with its unit: a text such as ``"25 um"``, or one of Pint."""
-    value = take_scalar(value)
+    value = unwrap_array_scalar(value)
     if isinstance(value, str) or is_quantity(value):
         try:
             return parse_quantity(value, dimension)

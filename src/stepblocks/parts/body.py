@@ -19,8 +19,8 @@ from stepblocks.parts.characteristics import (
     Rule,
     describe_plane,
     make_characteristic,
-    make_edge_break,
-    make_location,
+    make_edge_break_characteristic,
+    make_location_characteristic,
 )
 from stepblocks.parts.declared import (
     QuantityValidator,
@@ -28,9 +28,9 @@ from stepblocks.parts.declared import (
     WorkingFaces,
     declare_default,
     describe_breach,
+    make_positive_validator,
     make_rules_validator,
-    read_none,
-    read_positive,
+    read_none_as_absent,
 )
 from stepblocks.parts.face_characteristics import make_surface_characteristics
 from stepblocks.parts.kind import Part
@@ -41,7 +41,7 @@ from stepblocks.parts.tolerance import (
     Length,
     PositiveLength,
     find_origin,
-    parse_sensible,
+    parse_plausible,
 )
 
 
@@ -71,7 +71,7 @@ _LARGEST_LETTERS = 0.6  # of the height of the front, at most
 
 def _read_offset(raw: object, info: ValidationInfo) -> float:
     """Read a length of either sign [m]."""
-    return parse_sensible(raw, "length", find_origin(info))
+    return parse_plausible(raw, "length", find_origin(info))
 
 
 def _require_printable(text: str) -> str:
@@ -193,8 +193,10 @@ class Body(Table):
     width: PositiveLength = declare_default("24 mm")
     thickness: PositiveLength = declare_default("8 mm")
     edge_break: Length = declare_default("0.3 mm", otherwise="0.1 mm")
-    mounting: Annotated[Mounting | None, BeforeValidator(read_none)] = declare_default({})
-    engraving: Annotated[Engraving | None, BeforeValidator(read_none)] = declare_default({})
+    mounting: Annotated[Mounting | None, BeforeValidator(read_none_as_absent)] = declare_default({})
+    engraving: Annotated[Engraving | None, BeforeValidator(read_none_as_absent)] = declare_default(
+        {}
+    )
 
     @property
     def half_length(self) -> float:
@@ -251,7 +253,8 @@ class Body(Table):
 
 # along x, y and z [m]
 Stock = Annotated[
-    tuple[Annotated[float, read_positive("length")], ...], Field(min_length=3, max_length=3)
+    tuple[Annotated[float, make_positive_validator("length")], ...],
+    Field(min_length=3, max_length=3),
 ]
 
 
@@ -400,7 +403,7 @@ class Block(Part):
             yield from self._list_hole_characteristics(mounting, lower)
         if edge is not None:
             label = "working edge from the left side"
-            yield make_location("edge_position", label, half_length, left, edge)
+            yield make_location_characteristic("edge_position", label, half_length, left, edge)
         yield from make_surface_characteristics(self.face_demands, lower, upper, base)
         if mounting is not None and mounting.kind == "tapped":
             yield self._state_thread(mounting)
@@ -429,7 +432,7 @@ class Block(Part):
         middle = {0: body.half_length - 0.5 * chamfer, 1: 0.0, 2: body.base + 0.5 * chamfer}
         slope = FaceRule("SLOPE", holds=middle)
         right = describe_plane(0, body.half_length)
-        return make_edge_break(
+        return make_edge_break_characteristic(
             body.edge_break, right, EdgeRule(slope, describe_plane(2, body.base))
         )
 
@@ -477,9 +480,11 @@ class Block(Part):
         )
         left = describe_plane(0, -half_length)
         label = "left hole from the left side"
-        yield make_location("hole_position", label, half_length + hole_x, left, hole)
+        yield make_location_characteristic("hole_position", label, half_length + hole_x, left, hole)
         front = describe_plane(1, -half_width)
-        yield make_location("hole_row", "holes from the front", half_width, front, hole)
+        yield make_location_characteristic(
+            "hole_row", "holes from the front", half_width, front, hole
+        )
 
     def _describe_core_ends(self, mounting: Mounting, hole: FaceRule) -> tuple[Rule, Rule]:
         """Describe the ends of a core hole: the base, and where the drill's point begins."""

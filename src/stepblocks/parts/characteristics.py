@@ -229,7 +229,7 @@ def _choose_method(dimension: Dimension) -> str:
     return MICROMETER
 
 
-def make_edge_break(edge_break: Dimension, *faces: Rule) -> Characteristic:
+def make_edge_break_characteristic(edge_break: Dimension, *faces: Rule) -> Characteristic:
     """State the chamfer of all outer edges, measured at one of them.
 
     Sharp edges have no face that carries it.
@@ -244,7 +244,9 @@ def make_edge_break(edge_break: Dimension, *faces: Rule) -> Characteristic:
     )
 
 
-def make_location(key: str, label: str, distance: float, *faces: Rule) -> Characteristic:
+def make_location_characteristic(
+    key: str, label: str, distance: float, *faces: Rule
+) -> Characteristic:
     """State how far away a feature lies [m], with the general tolerance of ISO 2768-m."""
     deviation = find_general_deviation(distance) or 0.0
     return Characteristic(

@@ -20,36 +20,42 @@ from stepblocks.parts.declared import (
     Identity,
     Sourced,
     Table,
+    make_positive_validator,
     make_rules_validator,
     make_sourced_validator,
-    read_positive,
 )
 
 PAPER_STEPS = (25e-6, 50e-6, 75e-6, 100e-6)  # H of the four blocks of the apparatus [m]
 Force = Annotated[Sourced, make_sourced_validator("force")]
-Ratio = Annotated[float, read_positive("ratio", or_zero=True)]
+Ratio = Annotated[float, make_positive_validator("ratio", or_zero=True)]
 _Count = Annotated[int, Field(ge=1, le=9999)]
 OrderText = Annotated[str, Field(max_length=60)]
-_Newtons = Annotated[float, read_positive("force")]
+_Newtons = Annotated[float, make_positive_validator("force")]
 _AT_LEAST_ONE = Field(min_length=1, max_length=100)
 _Share = Annotated[Ratio, Field(lt=1.0)]  # a tolerance of all that there is leaves nothing
 # m
-Lengths = Annotated[tuple[Annotated[float, read_positive("length")], ...], Field(max_length=100)]
+Lengths = Annotated[
+    tuple[Annotated[float, make_positive_validator("length")], ...], Field(max_length=100)
+]
 
 
 class ToolSpec(Table):
     """The explorer as a spring that rings; what is left out is the paper's."""
 
     # tangential, k [N/m]
-    stiffness: Annotated[float, read_positive("stiffness")] = PAPER.tool.stiffness
-    conversion: Annotated[float, read_positive("ratio")] = PAPER.tool.conversion  # C_v [1]
-    ring_duration: Annotated[float, read_positive("time")] = PAPER.tool.ring_duration  # s
+    stiffness: Annotated[float, make_positive_validator("stiffness")] = PAPER.tool.stiffness
+    conversion: Annotated[float, make_positive_validator("ratio")] = (
+        PAPER.tool.conversion
+    )  # C_v [1]
+    ring_duration: Annotated[float, make_positive_validator("time")] = PAPER.tool.ring_duration  # s
     # W
-    detection_threshold: Annotated[float, read_positive("power")] = PAPER.tool.detection_threshold
+    detection_threshold: Annotated[float, make_positive_validator("power")] = (
+        PAPER.tool.detection_threshold
+    )
     # of the ring [Hz]
-    frequency: Annotated[float, read_positive("frequency")] = PAPER.tool.frequency
+    frequency: Annotated[float, make_positive_validator("frequency")] = PAPER.tool.frequency
     # of its amplitude [s]
-    decay_time: Annotated[float, read_positive("time")] = PAPER.tool.decay_time
+    decay_time: Annotated[float, make_positive_validator("time")] = PAPER.tool.decay_time
 
 
 _USUAL = {name: Sourced(value, "force", source) for name, (value, source) in LIMIT_SOURCES.items()}
@@ -70,7 +76,7 @@ class LimitsSpec(Table):
 class SettingTolerances(Table):
     """Tolerances of what is not on a drawing, to either side; 0 where it is left out."""
 
-    tip_radius: Annotated[float, read_positive("length", or_zero=True)] = (
+    tip_radius: Annotated[float, make_positive_validator("length", or_zero=True)] = (
         0.0  # of `PredictionGrid.tip_radii` [m]
     )
     friction: Ratio = 0.0  # 1
@@ -78,7 +84,7 @@ class SettingTolerances(Table):
     stiffness: _Share = 0.0  # as a share of the stiffness [1]
     conversion: _Share = 0.0  # as a share of C_v [1]
     # of the ring [Hz]; left out, the paper's band
-    frequency: Annotated[float, read_positive("frequency", or_zero=True)] = (
+    frequency: Annotated[float, make_positive_validator("frequency", or_zero=True)] = (
         PAPER.tool.frequency_deviation
     )
 
@@ -162,8 +168,8 @@ class Gum(Table):
         Coefficient of friction on the gum [1], in a table with its source.
     """
 
-    indentation: Annotated[float, read_positive("length")] = 0.2e-3
-    contact: Annotated[float, read_positive("length")] = 1e-3
+    indentation: Annotated[float, make_positive_validator("length")] = 0.2e-3
+    contact: Annotated[float, make_positive_validator("length")] = 1e-3
     shear_modulus: Annotated[Sourced, make_sourced_validator("pressure")] = Sourced(
         83e3,
         "pressure",

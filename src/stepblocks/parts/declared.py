@@ -24,9 +24,9 @@ from stepblocks.parts.tolerance import (
     Origin,
     find_origin,
     parse_declared,
-    parse_sensible,
+    parse_plausible,
 )
-from stepblocks.quantities import DIMENSIONS, format_quantity, take_scalar
+from stepblocks.quantities import DIMENSIONS, format_quantity, unwrap_array_scalar
 
 # names of devices, which Windows lets no file or folder have (Microsoft Learn, Naming Files, Paths,
 # and Namespaces)
@@ -102,11 +102,11 @@ class QuantityValidator(BeforeValidator):
     dimension: str = "ratio"
 
 
-def read_positive(dimension: str, *, or_zero: bool = False) -> QuantityValidator:
+def make_positive_validator(dimension: str, *, or_zero: bool = False) -> QuantityValidator:
     """Read a quantity in SI that must be positive, or may be zero."""
 
     def read(raw: object, info: ValidationInfo) -> float:
-        value = parse_sensible(raw, dimension, find_origin(info))
+        value = parse_plausible(raw, dimension, find_origin(info))
         if or_zero and not value >= 0.0:
             raise QuantityError(f"must not be negative, got {raw!r}")
         if not or_zero and not value > 0.0:
@@ -155,7 +155,7 @@ class Table(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True)
 
     def __init__(self, **fields: object) -> None:
-        fields = {name: take_scalar(value) for name, value in fields.items()}
+        fields = {name: unwrap_array_scalar(value) for name, value in fields.items()}
         try:
             self.__pydantic_validator__.validate_python(
                 fields, self_instance=self, context=Origin.PYTHON
@@ -171,7 +171,7 @@ class Table(BaseModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _add_usual_tolerances(cls, raw: object) -> Any:
+    def _add_default_tolerances(cls, raw: object) -> Any:
         """Put the usual tolerance of each field beside its value, for where none is stated."""
         if not isinstance(raw, dict):
             return raw
@@ -240,7 +240,7 @@ def make_sourced_validator(quantity: str) -> BeforeValidator:
         source = raw["source"]
         if not isinstance(source, str) or not source.strip():
             raise QuantityError(f"source must say where the value comes from, got {source!r:.60}")
-        value = parse_sensible(raw["value"], quantity, find_origin(info))
+        value = parse_plausible(raw["value"], quantity, find_origin(info))
         if not value > 0.0:
             raise QuantityError(f"value must be positive, got {raw['value']!r:.60}")
         return Sourced(value, quantity, source)
@@ -248,7 +248,7 @@ def make_sourced_validator(quantity: str) -> BeforeValidator:
     return BeforeValidator(read)
 
 
-def read_none(raw: object) -> object:
+def read_none_as_absent(raw: object) -> object:
     """Read ``"none"`` as the absence of a feature."""
     return None if raw == "none" else raw
 

@@ -21,7 +21,7 @@ _FACE_FORM = "interferometer, form of the face, minimum zone"
 _EDGE_SECTION = "section or replica across the edge"
 
 
-def make_form(
+def make_zone_characteristic(
     key: str, label: str, kind: Kind, zone: Dimension, faces: tuple[Rule, ...], method: str
 ) -> Characteristic:
     """State the zone of a form or texture; a default zone is none that the file states."""
@@ -58,22 +58,24 @@ def make_form_characteristics(
         Flatness of either face, then parallelism of the upper one to the lower one.
     """
     flatness = demands["flatness"]
-    yield make_form(
+    yield make_zone_characteristic(
         "flatness_lower", f"flatness, {lower}", "flatness", flatness, (low,), _FACE_FORM
     )
-    yield make_form(
+    yield make_zone_characteristic(
         "flatness_upper", f"flatness, {upper}", "flatness", flatness, (high,), _FACE_FORM
     )
     parallelism = demands["parallelism"]
     label = f"parallelism, {upper} to A"
-    yield make_form("parallelism", label, "parallelism", parallelism, (high, low), _FACE_FORM)
+    yield make_zone_characteristic(
+        "parallelism", label, "parallelism", parallelism, (high, low), _FACE_FORM
+    )
 
 
 def make_surface_characteristics(
     demands: FaceDemands, lower: FaceRule, upper: FaceRule, base: FaceRule
 ) -> Iterator[Characteristic]:
     """State the roughness of the working faces, and the form of the base under the lower one."""
-    yield make_form(
+    yield make_zone_characteristic(
         "roughness",
         "roughness Ra, working faces",
         "roughness",
@@ -81,7 +83,7 @@ def make_surface_characteristics(
         (lower, upper),
         "profilometer or interferometer, ISO 21920-2",
     )
-    yield make_form(
+    yield make_zone_characteristic(
         "flatness_base",
         "flatness, base",
         "flatness",
@@ -89,7 +91,7 @@ def make_surface_characteristics(
         (base,),
         "optical flat or electronic comparator",
     )
-    yield make_form(
+    yield make_zone_characteristic(
         "parallelism_base",
         "parallelism, lower face to B, the base",
         "parallelism",
@@ -99,12 +101,12 @@ def make_surface_characteristics(
     )
 
 
-def make_contact_roughness(
+def make_contact_roughness_characteristic(
     roughness: Dimension, faces: tuple[Rule, ...] = (), place: str = "where a tip touches"
 ) -> Characteristic:
     """State the roughness of the surface at which tip and part touch; a note without its faces."""
     kind: Kind = "roughness" if faces else "note"
-    return make_form(
+    return make_zone_characteristic(
         "roughness",
         f"roughness Ra, {place}",
         kind,
@@ -114,9 +116,9 @@ def make_contact_roughness(
     )
 
 
-def make_burr(burr: Dimension, faces: str = "the upper face") -> Characteristic:
+def make_burr_characteristic(burr: Dimension, faces: str = "the upper face") -> Characteristic:
     """State the largest height of a burr over the faces at a working edge (ISO 13715)."""
-    return make_form(
+    return make_zone_characteristic(
         "burr",
         f"burr over {faces} within {BURR_ZONE * 1e3:g} mm of the edge",
         "note",
@@ -145,7 +147,7 @@ def make_edge_characteristics(
     Characteristic
         Burr, and angle and straightness of the wall.
     """
-    yield make_burr(burr)
+    yield make_burr_characteristic(burr)
     if wall is None:
         return
     yield make_characteristic(

@@ -20,7 +20,12 @@ from stepblocks.contact.felt_limits import (
 from stepblocks.contact.operating_point import WEBER_FRACTION, OperatingPoint
 from stepblocks.errors import ContactError, StimulusError
 from stepblocks.parts.conditions import PredictionGrid, Ratio
-from stepblocks.parts.declared import Table, WorkedOut, make_rules_validator, read_positive
+from stepblocks.parts.declared import (
+    Table,
+    WorkedOut,
+    make_positive_validator,
+    make_rules_validator,
+)
 from stepblocks.parts.kind import Part
 from stepblocks.parts.tolerance import Dimension
 
@@ -75,9 +80,9 @@ class FeltTolerance(Table):
         Found for the set, never written in a file.
     """
 
-    energy: Annotated[float, read_positive("ratio")] | None = None
-    jnd: Annotated[float, read_positive("ratio")] | None = None
-    weber_fraction: Annotated[float, read_positive("ratio")] = WEBER_FRACTION
+    energy: Annotated[float, make_positive_validator("ratio")] | None = None
+    jnd: Annotated[float, make_positive_validator("ratio")] | None = None
+    weber_fraction: Annotated[float, make_positive_validator("ratio")] = WEBER_FRACTION
     friction: Ratio | None = None
     verdict: Annotated[InstanceOf[FeltVerdict] | None, WorkedOut()] = Field(None, exclude=True)
 
@@ -135,7 +140,7 @@ def resolve_felt_tolerance(part: Part, grid: PredictionGrid) -> Part:
         If nothing rings under the conditions, or no limits keep the energy.
     """
     tolerance: FeltTolerance = part.tolerance  # type: ignore[attr-defined]  # has_felt_tolerance
-    conditions = list(_list_ringing(part, grid))
+    conditions = list(_list_releasing_conditions(part, grid))
     if not conditions:
         raise StimulusError("tolerance needs a condition of the prediction that releases, got none")
     fixed = {}
@@ -161,18 +166,20 @@ def resolve_felt_tolerance(part: Part, grid: PredictionGrid) -> Part:
     update: dict[str, object] = {"tolerance": tolerance.model_copy(update={"verdict": verdict})}
     for name, field in part.counterface_fields.items():
         if name in limits:
-            update[field] = _limit_size(part.sizes[name], limits[name])
+            update[field] = _set_felt_limits(part.sizes[name], limits[name])
     return part.model_copy(update=update)
 
 
-def _limit_size(size: Dimension, limit: Deviations) -> Dimension:
+def _set_felt_limits(size: Dimension, limit: Deviations) -> Dimension:
     """Return a dimension with limits by what is felt."""
     return replace(
         size, upper=limit.upper, lower=limit.lower, usual=False, general=False, by_feel=True
     )
 
 
-def _list_ringing(part: Part, grid: PredictionGrid) -> Iterator[tuple[Counterface, OperatingPoint]]:
+def _list_releasing_conditions(
+    part: Part, grid: PredictionGrid
+) -> Iterator[tuple[Counterface, OperatingPoint]]:
     """Yield the conditions that release; the load scales all energies alike."""
     face = part.counterface()
     for radius, friction in product(grid.tip_radii, grid.coefficients):

@@ -110,7 +110,7 @@ def _make_pair(lower: float, upper: float, grade: str) -> GaugePair:
     return GaugePair(lower, upper, grade, worst, min(expected, worst))
 
 
-def choose_base(block: StepBlock, pair: GaugePair) -> Body:
+def make_gauge_base(block: StepBlock, pair: GaugePair) -> Body:
     """Choose the base: the body that is asked for, enlarged where the gauge blocks need it.
 
     Base and lower gauge block together are as thick as the body, where 3 mm are left for the
@@ -165,7 +165,7 @@ def build_gauge_assembly(block: StepBlock, pair: GaugePair) -> GaugeAssembly:
     """
     floor = -pair.lower
     half = 0.5 * SECTION_LENGTH
-    base = _build_base(choose_base(block, pair), block.id)
+    base = _build_base(make_gauge_base(block, pair), block.id)
     lower = cad.kernel.make_box((-SECTION_WIDTH, -half, floor), (0.0, half, 0.0))
     upper = cad.kernel.make_box((0.0, -half, floor), (SECTION_WIDTH, half, pair.upper - pair.lower))
     return GaugeAssembly(

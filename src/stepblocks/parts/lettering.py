@@ -27,7 +27,7 @@ class _Glyph:
 @lru_cache(maxsize=4096)
 def _outline_glyph(character: str) -> _Glyph:
     """Outline one character."""
-    advance = _measure_path(character + "|") - _measure_path("|")
+    advance = _find_right_end(character + "|") - _find_right_end("|")
     if character.isspace():
         return _Glyph(advance, ())  # matplotlib makes no path of nothing
     polygons = []
@@ -47,7 +47,7 @@ def _make_path(text: str) -> Any:
     return TextPath((0.0, 0.0), text, size=1.0 / _CAPITAL, prop=font)
 
 
-def _measure_path(text: str) -> float:
+def _find_right_end(text: str) -> float:
     """Return the right end of a text."""
     return float(_make_path(text).vertices[:, 0].max())
 

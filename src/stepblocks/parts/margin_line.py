@@ -89,7 +89,7 @@ def find_stations_confined(
     middle = tooth.around.mean(axis=0)
     draw = _find_path_of_draw(tooth.around - middle, towards, path)
     mesh = tooth.mesh
-    radii = _keep_near_line(mesh, tooth.around)
+    radii = _remove_far_triangles(mesh, tooth.around)
     rows = []
     for number in range(count):
         along_line = tooth.line.x[-1] * number / count
@@ -124,7 +124,7 @@ def _find_path_of_draw(offsets: Array, towards: Sequence[float], path: Path) -> 
     return draw
 
 
-def _keep_near_line(mesh: Any, around: Array) -> Array:
+def _remove_far_triangles(mesh: Any, around: Array) -> Array:
     """Leave only triangles near a line in a mesh; return the radii about their centres [m]."""
     from scipy.spatial import cKDTree
 
@@ -177,9 +177,9 @@ def _load_tooth(path: Path, scale: float, margin: list[list[float]]) -> _Scanned
     import trimesh
 
     mesh = trimesh.load_mesh(path, file_type=path.suffix[1:].lower())
-    _check_mesh(mesh, path)
+    _refuse_unusable_mesh(mesh, path)
     mesh.apply_scale(scale)
-    _check_size(mesh, path)
+    _refuse_size_of_no_tooth(mesh, path)
     mesh.update_faces(mesh.nondegenerate_faces())
     shells = trimesh.graph.connected_components(
         mesh.face_adjacency, nodes=np.arange(len(mesh.faces))
@@ -187,7 +187,7 @@ def _load_tooth(path: Path, scale: float, margin: list[list[float]]) -> _Scanned
     picked = np.asarray(margin, dtype=np.float64) * scale
     longest_edge = float(mesh.edges_unique_length.max())
     shell_points = [mesh.vertices[np.unique(mesh.faces[shell])] for shell in shells]
-    _check_picked_points(picked, np.concatenate(shell_points), longest_edge, path)
+    _refuse_points_off_mesh(picked, np.concatenate(shell_points), longest_edge, path)
     line = _make_closed_line(picked, path)
     around = line(np.linspace(0.0, line.x[-1], _LINE_POINTS))
     kept = _find_shells_along(around, shell_points, FITTED + longest_edge)
@@ -196,7 +196,7 @@ def _load_tooth(path: Path, scale: float, margin: list[list[float]]) -> _Scanned
     return _ScannedTooth(mesh, line, around)
 
 
-def _check_mesh(mesh: Any, path: Path) -> None:
+def _refuse_unusable_mesh(mesh: Any, path: Path) -> None:
     """Refuse a mesh that is empty, too large or not finite."""
     count = len(mesh.faces)
     if not 0 < count <= _MOST_TRIANGLES or not np.isfinite(mesh.vertices).all():
@@ -206,7 +206,7 @@ def _check_mesh(mesh: Any, path: Path) -> None:
         )
 
 
-def _check_size(mesh: Any, path: Path) -> None:
+def _refuse_size_of_no_tooth(mesh: Any, path: Path) -> None:
     """Refuse a mesh [m] that is no tooth: its unit is another."""
     size = float(mesh.extents.max())
     if not _SMALLEST <= size <= _LARGEST:
@@ -216,7 +216,7 @@ def _check_size(mesh: Any, path: Path) -> None:
         )
 
 
-def _check_picked_points(picked: Array, points: Array, longest_edge: float, path: Path) -> None:
+def _refuse_points_off_mesh(picked: Array, points: Array, longest_edge: float, path: Path) -> None:
     """Refuse picked points, shape (n, 3), that lie off the points of a mesh [m]."""
     from scipy.spatial import cKDTree
 

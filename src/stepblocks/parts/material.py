@@ -22,7 +22,7 @@ def _read_ordered_density(raw: object) -> object:
 _DRAWN = ((0x20, 0x7E), (0xA0, 0x52F), (0x1E00, 0x1FFF), (0x2010, 0x2044), (0x2070, 0x22FF))
 
 
-def _refuse_undrawn(text: str) -> str:
+def _require_drawable_text(text: str) -> str:
     """Refuse text with a sign that a drawing cannot show."""
     for sign in text:
         is_drawn = any(first <= ord(sign) <= last for first, last in _DRAWN)
@@ -34,7 +34,7 @@ def _refuse_undrawn(text: str) -> str:
     return text
 
 
-_DrawnText = AfterValidator(_refuse_undrawn)
+_DrawnText = AfterValidator(_require_drawable_text)
 
 
 class Material(Table):

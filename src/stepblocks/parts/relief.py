@@ -106,7 +106,7 @@ class Relief(Table):
             yield describe_breach("relief.depth", rule, deepest, self.depth.nominal)
 
 
-def describe_relief(face: object) -> list[list[str]]:
+def describe_untouched_balls(face: object) -> list[list[str]]:
     """Say for people which balls a relief does not touch; nothing of a plain step."""
     if not isinstance(face, RelievedStep):
         return []

@@ -80,7 +80,7 @@ def build_convex_pieces(part: Part) -> list[Mesh]:
     """
     pieces = []
     for number, hull in enumerate(part.hulls(), start=1):
-        pieces.append(_sort_mesh(f"{part.id}-piece-{number:03}", hull))
+        pieces.append(_make_sorted_mesh(f"{part.id}-piece-{number:03}", hull))
     return pieces
 
 
@@ -271,7 +271,7 @@ def split_solid(solid: Manifold, axis: str, position: float) -> tuple[Manifold, 
     return below, above
 
 
-def _sort_mesh(name: str, piece: Manifold) -> Mesh:
+def _make_sorted_mesh(name: str, piece: Manifold) -> Mesh:
     """Make a mesh [m] of a manifold [mm], its vertices and triangles sorted.
 
     The order of a hull varies with its threads.

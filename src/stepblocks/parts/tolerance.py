@@ -88,7 +88,7 @@ def parse_declared(raw: object, quantity: str, origin: Origin) -> float:
     return value
 
 
-def parse_sensible(raw: object, quantity: str, origin: Origin = Origin.FILE) -> float:
+def parse_plausible(raw: object, quantity: str, origin: Origin = Origin.FILE) -> float:
     """Read a quantity in SI and check that its size is plausible on a bench.
 
     Raises
@@ -249,7 +249,7 @@ def _read_dimension(raw: object, quantity: str, origin: Origin) -> Dimension:
     if isinstance(nominal_raw, Dimension):
         return nominal_raw
     _check_dimension_names(table)
-    nominal = parse_sensible(nominal_raw, quantity, origin)
+    nominal = parse_plausible(nominal_raw, quantity, origin)
     source = table.get("source", "")
     if not isinstance(source, str):
         raise ValueError(f"source must be text, got {source!r}")

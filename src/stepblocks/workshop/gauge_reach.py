@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from stepblocks.parts.characteristics import Characteristic
-from stepblocks.parts.gauge_pair import GaugePair, choose_base
+from stepblocks.parts.gauge_pair import GaugePair, make_gauge_base
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.material import Family
 from stepblocks.workshop.routes import GAUGE_BLOCKS, Reach, Route
@@ -95,7 +95,7 @@ def judge_assembly(
     JudgedCharacteristic
         In the order of the inspection sheet.
     """
-    base = choose_base(block, pair)
+    base = make_gauge_base(block, pair)
     on_base = block.model_copy(update={"body": base, "metrology": None, "relief": None})
     sizes = {item.key: item.nominal for item in on_base.characteristics()}
     sizes["thickness"] = base.thickness.nominal + pair.lower

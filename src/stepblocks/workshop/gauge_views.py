@@ -10,8 +10,8 @@ from stepblocks.parts.gauge_pair import (
     SECTION_WIDTH,
     WRINGING,
     GaugePair,
-    choose_base,
     find_pair,
+    make_gauge_base,
 )
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.on_paper import format_millimetres
@@ -59,7 +59,7 @@ def draw_gauge_assembly_views(
     judged : iterable of JudgedCharacteristic
         What decides about each characteristic of the block.
     """
-    base = choose_base(block, pair)
+    base = make_gauge_base(block, pair)
     _draw_section(sheet, base, pair)
     _draw_from_above(sheet, base)
     _draw_step_detail(sheet, block)

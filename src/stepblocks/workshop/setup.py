@@ -18,7 +18,7 @@ from stepblocks.parts.gauge_pair import (
     WRINGING,
     GaugePair,
     Grade,
-    choose_base,
+    make_gauge_base,
 )
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.margin import MarginBlock
@@ -135,7 +135,7 @@ def _render_sheet(block: Block, routes: Sequence[Route], pair: GaugePair | None)
     if pair is not None:
         grade = GRADES[pair.grade]
         if isinstance(block, StepBlock):
-            base = choose_base(block, pair)
+            base = make_gauge_base(block, pair)
     stock = [format_millimetres(size, 1) for size in stock_sizes]
     last_edge = block.list_felt_edges()[-1]
     return render_page(

@@ -10,7 +10,7 @@ from stepblocks.parts.characteristics import (
     FaceRule,
     describe_plane,
     make_characteristic,
-    make_location,
+    make_location_characteristic,
 )
 from stepblocks.parts.tolerance import Dimension, find_general_deviation
 
@@ -24,15 +24,17 @@ _UNCOVERED = 0.05e-3  # deviation of what the general tolerances do not cover [m
 def list_component_characteristics(component: Component) -> Iterator[Characteristic]:
     """List the characteristics of a component, in the order of its inspection sheet."""
     for axis in range(3):
-        yield from _list_planes(component, axis)
+        yield from _list_plane_characteristics(component, axis)
     yield from component.held
     for number, rod in enumerate(component.rods, start=1):
-        yield from _list_cylinder(component, rod, f"rod_{number}", f"rod {number}")
+        yield from _list_cylinder_characteristics(component, rod, f"rod_{number}", f"rod {number}")
     for number, bore in enumerate(component.bores, start=1):
-        yield from _list_cylinder(component, bore, f"bore_{number}", f"bore {number}")
+        yield from _list_cylinder_characteristics(
+            component, bore, f"bore_{number}", f"bore {number}"
+        )
 
 
-def _list_planes(component: Component, axis: int) -> Iterator[Characteristic]:
+def _list_plane_characteristics(component: Component, axis: int) -> Iterator[Characteristic]:
     """List the size over all along an axis, and the places of the faces between its ends."""
     extent = component.bounding_box
     low, high = extent.low[axis], extent.high[axis]
@@ -51,7 +53,7 @@ def _list_planes(component: Component, axis: int) -> Iterator[Characteristic]:
     for number, place in enumerate(inner, start=1):
         label = f"{name}, face {number} from the {_SIDES[axis]}"
         face = describe_plane(axis, place)
-        yield make_location(f"{name}_{number}", label, place - low, lowest, face)
+        yield make_location_characteristic(f"{name}_{number}", label, place - low, lowest, face)
 
 
 def _list_plane_places(component: Component, axis: int) -> list[float]:
@@ -82,7 +84,7 @@ def _list_held_places(component: Component, axis: int) -> Iterator[float]:
             yield upper.at
 
 
-def _list_cylinder(
+def _list_cylinder_characteristics(
     component: Component, cylinder: Cylinder, key: str, label: str
 ) -> Iterator[Characteristic]:
     """List the diameter of a rod or bore, and where its axis lies."""
@@ -92,10 +94,10 @@ def _list_cylinder(
     yield make_characteristic(
         key,
         "diameter",
-        _find_diameter(cylinder),
+        _make_diameter_dimension(cylinder),
         face,
         label=f"{label}, along {cylinder.axis}{_describe_bore(component, cylinder)}",
-        method=_choose_method(component, cylinder),
+        method=_choose_bore_method(component, cylinder),
     )
     for axis in cylinder.cross_axis_indices:
         low = component.bounding_box.low[axis]
@@ -104,17 +106,17 @@ def _list_cylinder(
         if _is_among(low, sides) and offset > _LEAST_OFFSET:
             side = describe_plane(axis, low)
             name = f"{label} from the {_SIDES[axis]}"
-            yield make_location(f"{key}_{AXES[axis]}", name, offset, side, face)
+            yield make_location_characteristic(f"{key}_{AXES[axis]}", name, offset, side, face)
 
 
-def _choose_method(component: Component, cylinder: Cylinder) -> str:
+def _choose_bore_method(component: Component, cylinder: Cylinder) -> str:
     """Choose pin gauges for a fit in a bore, into which no micrometer goes; else the usual one."""
     if cylinder in component.rods or cylinder.deviations is None:
         return ""
     return "pin gauges"
 
 
-def _find_diameter(cylinder: Cylinder) -> Dimension:
+def _make_diameter_dimension(cylinder: Cylinder) -> Dimension:
     """Return the diameter with its own deviations, or the general ones."""
     if cylinder.deviations is None:
         return _make_general_dimension(cylinder.diameter)

@@ -14,7 +14,7 @@ from stepblocks.parts.apparatus.frame import (
     SCREWS_OF_THE_SHANK_CLAMP,
     SCREWS_OF_THE_SHEATH_JAW,
 )
-from stepblocks.parts.apparatus.solids import Deviations, make_bore, make_box, make_pattern
+from stepblocks.parts.apparatus.solids import Deviations, make_bore, make_box, repeat_bore
 from stepblocks.parts.characteristics import MICROMETER, FaceRule, make_characteristic
 from stepblocks.parts.tolerance import Dimension
 
@@ -44,7 +44,7 @@ _CLAMPS = (
 )
 
 
-def list_damping_rig(displacement: float) -> Iterator[Component]:
+def list_damping_rig_components(displacement: float) -> Iterator[Component]:
     """List the rig; its slide lifts the shank by a displacement [m] before it lets it go."""
     for clamp in _CLAMPS:
         yield _make_lower_half(clamp)
@@ -65,7 +65,7 @@ def _make_lower_half(clamp: _Clamp) -> Component:
     start, end = clamp.middle - clamp.half_length, clamp.middle + clamp.half_length
     groove = make_bore("x", (start, _AXIS_Y, 0.0), clamp.groove, end - start)
     thread = make_bore("z", (clamp.middle, 0.0, -30.0), 3.3, 30.0, "M4")
-    bores = make_pattern(thread, "y", SCREWS_OF_THE_JAWS)
+    bores = repeat_bore(thread, "y", SCREWS_OF_THE_JAWS)
     bores.append(replace(groove, deviations=_GROOVE, inward=(0.0, 0.0, -1.0)))
     return Component(
         f"{clamp.name}-lower",
@@ -81,7 +81,7 @@ def _make_upper_half(clamp: _Clamp) -> Component:
     start, end = clamp.middle - clamp.half_length, clamp.middle + clamp.half_length
     groove = make_bore("x", (start, _AXIS_Y, 0.0), clamp.groove, end - start)
     hole = make_bore("z", (clamp.middle, 0.0, 0.0), 4.5, 12.0)
-    bores = make_pattern(hole, "y", SCREWS_OF_THE_JAWS)
+    bores = repeat_bore(hole, "y", SCREWS_OF_THE_JAWS)
     if clamp.has_sensor:
         bores.append(make_bore("z", (clamp.middle, _AXIS_Y, 10.0), _SENSOR_POCKET, 2.0))
     bores.append(replace(groove, deviations=_GROOVE, inward=(0.0, 0.0, 1.0)))

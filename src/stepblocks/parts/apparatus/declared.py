@@ -10,16 +10,17 @@ from stepblocks.parts.declared import (
     Sourced,
     Table,
     describe_breach,
+    make_positive_validator,
     make_rules_validator,
     make_sourced_validator,
-    read_positive,
 )
 from stepblocks.parts.tolerance import PositiveLength
 
 _Ratio = Annotated[Sourced, make_sourced_validator("ratio")]
 # of weights [kg]
 _Masses = Annotated[
-    tuple[Annotated[float, read_positive("mass")], ...], Field(min_length=1, max_length=50)
+    tuple[Annotated[float, make_positive_validator("mass")], ...],
+    Field(min_length=1, max_length=50),
 ]
 
 LARGEST_TRAVEL = 14e-3  # at which the hook of the cord is clear of block and portal [m]

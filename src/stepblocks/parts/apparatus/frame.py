@@ -11,8 +11,8 @@ from stepblocks.parts.apparatus.solids import (
     Deviations,
     make_bore,
     make_box,
-    make_pattern,
     make_rod,
+    repeat_bore,
 )
 
 SHAFT_RISE = 11.0  # of the axes of the shafts over the lower face of the carriage
@@ -30,7 +30,7 @@ _SEAT_SCREWS = ((0.0, -10.0), (0.0, 10.0))
 _BLOCK_SCREWS = (-6.0, 6.0)  # their x
 
 
-def list_frame(carriage_low: float) -> Iterator[Component]:
+def list_frame_components(carriage_low: float) -> Iterator[Component]:
     """List the frame; the lower face of the carriage lies at a height [mm]."""
     shaft_height = carriage_low + SHAFT_RISE
     yield _make_base()
@@ -60,7 +60,7 @@ def _make_base() -> Component:
         bores.append(make_bore("z", (x, y, -40.0), 4.5, 10.0))
     # through which the screws of the block are reached
     access = make_bore("z", (0.0, 0.0, -40.0), 7.0, 10.0)
-    bores += make_pattern(access, "x", _BLOCK_SCREWS)
+    bores += repeat_bore(access, "x", _BLOCK_SCREWS)
     plate = make_box((-130.0, -60.0, -40.0), (80.0, 100.0, -30.0))
     return Component("base", "Base plate", "aluminium", boxes=(plate,), bores=tuple(bores))
 
@@ -69,8 +69,8 @@ def _make_seat() -> Component:
     """Make the seat: a block lies on it against a stop, and is screwed on from below."""
     hole = make_bore("z", (0.0, 0.0, -24.0), 3.4, 16.0)
     counterbore = make_bore("z", (0.0, 0.0, -30.0), 6.5, 6.0)
-    bores = make_pattern(hole, "x", _BLOCK_SCREWS)
-    bores += make_pattern(counterbore, "x", _BLOCK_SCREWS)
+    bores = repeat_bore(hole, "x", _BLOCK_SCREWS)
+    bores += repeat_bore(counterbore, "x", _BLOCK_SCREWS)
     for x, y in _SEAT_SCREWS:
         bores.append(make_bore("z", (x, y, -30.0), 3.3, 12.0, "M4"))
     body = make_box((-17.0, -14.0, -30.0), (12.0, 14.0, -8.0))
@@ -94,8 +94,8 @@ def _make_portal(name: str, x: float, shaft_height: float) -> Component:
         columns.append(make_box((x, y - 8.0, -18.0), (x + 12.0, y + 8.0, top)))
     seat = make_bore("x", (x, 0.0, shaft_height), _SHAFT, 12.0, "H7")
     thread = make_bore("z", (x + 6.0, 0.0, -30.0), 3.3, 10.0, "M4")
-    bores = make_pattern(seat, "y", SHAFTS.values())
-    bores += make_pattern(thread, "y", _FEET_OF_THE_PORTALS)
+    bores = repeat_bore(seat, "y", SHAFTS.values())
+    bores += repeat_bore(thread, "y", _FEET_OF_THE_PORTALS)
     return Component(
         f"portal-{name}",
         f"Portal of the shafts, {name}",
@@ -109,7 +109,7 @@ def _make_portal(name: str, x: float, shaft_height: float) -> Component:
 def make_stand_in_block() -> Component:
     """Make the place of a step block, which the set of the blocks declares."""
     thread = make_bore("z", (0.0, 0.0, -8.0), 2.5, 5.0, "M3")
-    bores = make_pattern(thread, "x", _BLOCK_SCREWS)
+    bores = repeat_bore(thread, "x", _BLOCK_SCREWS)
     return Component(
         "block",
         "Step block",

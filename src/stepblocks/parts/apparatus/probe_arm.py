@@ -16,8 +16,8 @@ from stepblocks.parts.apparatus.solids import (
     Deviations,
     make_bore,
     make_box,
-    make_pattern,
     make_rod,
+    repeat_bore,
 )
 from stepblocks.parts.characteristics import (
     MICROMETER,
@@ -55,9 +55,9 @@ def find_carriage_height(leaf: Flexure) -> float:
     return _FOOT + 1e3 * leaf.length.nominal + _END
 
 
-def list_balanced_arm(weight: float) -> Iterator[Component]:
+def list_balanced_arm_components(weight: float) -> Iterator[Component]:
     """List the arm with clamp and explorer, a weight [kg] on it, and what balances it."""
-    arm = list(_list_arm())
+    arm = list(_list_arm_components())
     yield from arm
     yield _make_weight(weight)
     rod = _make_balance_rod()
@@ -65,7 +65,7 @@ def list_balanced_arm(weight: float) -> Iterator[Component]:
     yield _make_counterweight([*arm, rod])
 
 
-def list_carriage(low: float) -> Iterator[Component]:
+def list_carriage_components(low: float) -> Iterator[Component]:
     """List the carriage with its linear bearings and the hook of the cord.
 
     Its lower face lies at a height [mm].
@@ -74,9 +74,9 @@ def list_carriage(low: float) -> Iterator[Component]:
     bearing = make_bore("x", (-63.0, 0.0, axis_height), 15.0, 46.0, "H7")
     hole = make_bore("z", (0.0, 0.0, low), 3.4, 22.0)
     thread = make_bore("x", (-23.0, 0.0, low + 6.0), 2.5, 6.0, "M3")
-    bores = make_pattern(bearing, "y", SHAFTS.values())
-    bores += make_pattern(hole, "x", _SCREWS)
-    bores += make_pattern(thread, "y", _HOOK_SCREWS)
+    bores = repeat_bore(bearing, "y", SHAFTS.values())
+    bores += repeat_bore(hole, "x", _SCREWS)
+    bores += repeat_bore(thread, "y", _HOOK_SCREWS)
     yield Component(
         "carriage",
         "Carriage",
@@ -108,7 +108,7 @@ def _make_hook(low: float) -> Component:
     beam = make_box((-13.0, -4.0, low + 2.0), (29.0, 4.0, low + 10.0))
     post = make_box((21.0, -4.0, -4.0), (29.0, 4.0, low + 2.0))
     hole = make_bore("x", (-17.0, 0.0, low + 6.0), 3.4, 4.0)
-    bores = make_pattern(hole, "y", _HOOK_SCREWS)
+    bores = repeat_bore(hole, "y", _HOOK_SCREWS)
     bores.append(make_bore("x", (21.0, 0.0, 0.0), 1.5, 8.0))
     return Component(
         "hook",
@@ -131,7 +131,7 @@ def make_flexure(leaf: Flexure) -> Component:
             make_box((_PIVOT - _HALF_END, -10.0, low), (_PIVOT + _HALF_END, 10.0, low + _END))
         )
         thread = make_bore("z", (0.0, 0.0, low), 2.5, _END, "M3")
-        screws += make_pattern(thread, "x", _SCREWS)
+        screws += repeat_bore(thread, "x", _SCREWS)
     return Component(
         "flexure",
         "Flexure with strain gauges",
@@ -188,7 +188,7 @@ def _hold_distance(
     return make_characteristic(key, "distance", size, first, second, label=label, method=MICROMETER)
 
 
-def list_yoke() -> Iterator[Component]:
+def list_yoke_components() -> Iterator[Component]:
     """List the yoke with the two ball bearings of the pivot, and its axle."""
     flange = make_box((-56.0, -11.0, 28.0), (-24.0, 11.0, 36.0))
     left_ear = make_box((-48.0, -11.0, -6.0), (-32.0, -5.0, 28.0))
@@ -196,9 +196,9 @@ def list_yoke() -> Iterator[Component]:
     hole = make_bore("z", (0.0, 0.0, 28.0), 3.4, 8.0)
     bearing = make_bore("y", (_PIVOT, 0.0, 0.0), 10.0, 4.0, "H7")
     relief = make_bore("y", (_PIVOT, 0.0, 0.0), 7.0, 2.0)
-    bores = make_pattern(hole, "x", _SCREWS)
-    bores += make_pattern(bearing, "y", (-11.0, 7.0))
-    bores += make_pattern(relief, "y", (-7.0, 5.0))
+    bores = repeat_bore(hole, "x", _SCREWS)
+    bores += repeat_bore(bearing, "y", (-11.0, 7.0))
+    bores += repeat_bore(relief, "y", (-7.0, 5.0))
     yield Component(
         "yoke",
         "Yoke of the pivot",
@@ -227,7 +227,7 @@ def list_yoke() -> Iterator[Component]:
     )
 
 
-def _list_arm() -> Iterator[Component]:
+def _list_arm_components() -> Iterator[Component]:
     """List the arm with its clamp, and the explorer, whose tip is the origin."""
     grip = replace(make_bore("z", (0.0, 0.0, 14.0), _SHANK, 8.0), deviations=_GRIP)
     hub = make_box((-46.0, -4.0, -5.0), (-34.0, 4.0, 22.0))
@@ -250,7 +250,7 @@ def _list_arm() -> Iterator[Component]:
         is_on_pivot=True,
     )
     hole = make_bore("x", (0.0, 0.0, _ARM_HEIGHT), 2.9, 5.0)
-    holes = make_pattern(hole, "y", (-5.0, 5.0))
+    holes = repeat_bore(hole, "y", (-5.0, 5.0))
     holes.append(replace(grip, inward=(1.0, 0.0, 0.0)))
     yield Component(
         "explorer-clamp",

@@ -11,8 +11,8 @@ from stepblocks.parts.apparatus.solids import (
     Deviations,
     make_bore,
     make_box,
-    make_pattern,
     make_rod,
+    repeat_bore,
 )
 
 PULLEY_DIAMETER = 20e-3  # [m]
@@ -53,7 +53,7 @@ def _make_bracket() -> Component:
     right = make_box((64.0, 4.0, -30.0), (80.0, 8.0, -2.0))
     foot = make_box((64.0, -4.0, -30.0), (80.0, 4.0, -24.0))
     bearing = make_bore("y", (x, 0.0, z), 1e3 * PULLEY_BORE, 4.0, "H7")
-    bores = make_pattern(bearing, "y", (-8.0, 4.0))
+    bores = repeat_bore(bearing, "y", (-8.0, 4.0))
     for screw_x, screw_y in SCREWS_OF_THE_BRACKET:
         bores.append(make_bore("z", (screw_x, screw_y, -30.0), 3.3, 10.0, "M4"))
     return Component(

@@ -204,7 +204,7 @@ def _shift(point: Point3, axis: int, by: float) -> Point3:
     return x, y, z
 
 
-def convert_millimetres(point: Point3) -> Point3:
+def convert_from_millimetres(point: Point3) -> Point3:
     """Convert a point from millimetres to metres."""
     x, y, z = point
     return _MILLIMETRE * x, _MILLIMETRE * y, _MILLIMETRE * z
@@ -212,7 +212,7 @@ def convert_millimetres(point: Point3) -> Point3:
 
 def make_box(low: Point3, high: Point3) -> Box:
     """Make a box by two corners in millimetres."""
-    return Box(convert_millimetres(low), convert_millimetres(high))
+    return Box(convert_from_millimetres(low), convert_from_millimetres(high))
 
 
 def make_rod(
@@ -221,7 +221,7 @@ def make_rod(
     """Make a rod from its start, diameter and length in millimetres; `deviations` are in metres."""
     return Cylinder(
         axis,
-        convert_millimetres(start),
+        convert_from_millimetres(start),
         _MILLIMETRE * diameter,
         _MILLIMETRE * length,
         deviations,
@@ -236,12 +236,12 @@ def make_bore(axis: Axis, start: Point3, diameter: float, length: float, fit: st
     deviations = None
     thread = ""
     if fit == "H7":
-        deviations = find_h7(_MILLIMETRE * diameter)
+        deviations = find_h7_deviations(_MILLIMETRE * diameter)
     elif fit:
         thread = fit
     return Cylinder(
         axis,
-        convert_millimetres(start),
+        convert_from_millimetres(start),
         _MILLIMETRE * diameter,
         _MILLIMETRE * length,
         deviations,
@@ -249,7 +249,7 @@ def make_bore(axis: Axis, start: Point3, diameter: float, length: float, fit: st
     )
 
 
-def make_pattern(bore: Cylinder, axis: Axis, places: Iterable[float]) -> list[Cylinder]:
+def repeat_bore(bore: Cylinder, axis: Axis, places: Iterable[float]) -> list[Cylinder]:
     """Make equal bores beside one another.
 
     They differ from `bore` in the coordinate along an axis, which is one of `places` [mm].
@@ -263,7 +263,7 @@ def make_pattern(bore: Cylinder, axis: Axis, places: Iterable[float]) -> list[Cy
     return bores
 
 
-def find_h7(diameter: float) -> Deviations:
+def find_h7_deviations(diameter: float) -> Deviations:
     """Find the deviations of a bore H7 of a diameter up to 18 mm [m]."""
     for row in _H7:
         if diameter <= row.up_to:

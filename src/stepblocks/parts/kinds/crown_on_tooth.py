@@ -22,7 +22,7 @@ from stepblocks.parts.declared import (
     describe_breach,
     make_rules_validator,
 )
-from stepblocks.parts.face_characteristics import make_contact_roughness
+from stepblocks.parts.face_characteristics import make_contact_roughness_characteristic
 from stepblocks.parts.kind import (
     CONTACT_DEFLECTION,
     FITTING_DEFLECTION,
@@ -326,7 +326,7 @@ class CrownOnTooth(CrownMargin, Turned):
         yield make_characteristic(
             "taper", "angle", self.taper, tooth_wall, label="total taper", method=_SEATED
         ).doubled
-        yield make_contact_roughness(self.face_demands["roughness"])
+        yield make_contact_roughness_characteristic(self.face_demands["roughness"])
 
     def _describe_wall(self, body: int) -> FaceRule:
         """Describe the axial wall of tooth or crown, halfway up, where no bevel is."""

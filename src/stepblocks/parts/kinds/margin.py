@@ -28,7 +28,10 @@ from stepblocks.parts.declared import (
     describe_breach,
     make_rules_validator,
 )
-from stepblocks.parts.face_characteristics import make_burr, make_form_characteristics
+from stepblocks.parts.face_characteristics import (
+    make_burr_characteristic,
+    make_form_characteristics,
+)
 from stepblocks.parts.kind import NANOMETRE, Finding, Manifold, MeasuredMesh, Verdict
 from stepblocks.parts.kinds.crown_margin import CrownMargin
 from stepblocks.parts.material import MaterialField
@@ -208,7 +211,7 @@ class MarginBlock(CrownMargin, Block):
             method="microscope",
         )
         yield from self.list_body_characteristics(tooth, crown, wall)
-        yield make_burr(self.face_demands["burr"], "tooth and crown")
+        yield make_burr_characteristic(self.face_demands["burr"], "tooth and crown")
 
     def _list_opening_characteristics(
         self, wall: FaceRule, crown: FaceRule

@@ -25,7 +25,7 @@ from stepblocks.parts.declared import (
     describe_breach,
     make_rules_validator,
 )
-from stepblocks.parts.face_characteristics import make_contact_roughness
+from stepblocks.parts.face_characteristics import make_contact_roughness_characteristic
 from stepblocks.parts.kind import NANOMETRE, Finding, Manifold, MeasuredMesh, Verdict
 from stepblocks.parts.kinds.crown_margin import CrownMargin
 from stepblocks.parts.kinds.margin import ACROSS
@@ -38,13 +38,13 @@ _LEAST_POINTS = 6  # a line through fewer cuts the corners of a tooth
 _USUAL_STATIONS = 50  # round a crown's margin: Groten et al. 2000, J Prosthet Dent 83:40
 
 
-def _read_line(raw: object) -> object:
+def _read_margin_line(raw: object) -> object:
     """Read a margin line: a tuple of points (x, y, z) in the unit of the mesh."""
     try:
         points = np.array(raw, dtype=np.float64)
     except (TypeError, ValueError):
         points = np.empty(0)
-    if not _is_line(points):
+    if not _is_margin_line(points):
         raise ValueError(
             f"must be a list of {_LEAST_POINTS} or more points [x, y, z] in order round the "
             f"tooth, in the unit of the mesh, got {raw!r:.60}"
@@ -52,7 +52,7 @@ def _read_line(raw: object) -> object:
     return tuple(map(tuple, points.tolist()))
 
 
-def _is_line(points: NDArray[np.float64]) -> bool:
+def _is_margin_line(points: NDArray[np.float64]) -> bool:
     """Tell whether an array holds enough finite points, shape (n, 3)."""
     if points.ndim != 2 or points.shape[1] != 3:
         return False
@@ -137,7 +137,7 @@ class ScannedMargin(CrownMargin):
 
     mesh: str
     unit: Literal["um", "mm", "cm", "m"]
-    margin: Annotated[Any, BeforeValidator(_read_line)]
+    margin: Annotated[Any, BeforeValidator(_read_margin_line)]
     stations: Annotated[int, Field(ge=1, le=1000)] = _USUAL_STATIONS
     crown_towards: tuple[float, float, float] = (
         0.0,
@@ -169,7 +169,7 @@ class ScannedMargin(CrownMargin):
                 f"{declared.mesh!r:.80}"
             )
         changed = path.stat().st_mtime_ns if path.is_file() else 0
-        rows = _read_stations(
+        rows = _measure_stations(
             path,
             changed,
             _UNITS[declared.unit],
@@ -262,7 +262,7 @@ class ScannedMargin(CrownMargin):
             low = describe_plane(axis, -0.5 * side.nominal)
             high = describe_plane(axis, 0.5 * side.nominal)
             yield make_characteristic(name, "distance", side, low, high)
-        yield make_contact_roughness(self.face_demands["roughness"])
+        yield make_contact_roughness_characteristic(self.face_demands["roughness"])
 
     def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Verdict]:
         yield self.measure_gap(mesh, self.length)
@@ -314,7 +314,7 @@ class ScannedMargin(CrownMargin):
 
 
 @lru_cache(maxsize=8)
-def _read_stations(path: Path, changed: int, *arguments: object) -> list[list[float]]:
+def _measure_stations(path: Path, changed: int, *arguments: object) -> list[list[float]]:
     """Measure the stations of a mesh, once for each state of its file.
 
     `changed` is when the file was changed; `arguments` are those of `find_stations_confined`.

@@ -12,7 +12,7 @@ from stepblocks.parts.characteristics import (
     FaceRule,
     describe_plane,
     make_characteristic,
-    make_edge_break,
+    make_edge_break_characteristic,
 )
 from stepblocks.parts.declared import (
     Sourced,
@@ -20,7 +20,7 @@ from stepblocks.parts.declared import (
     make_rules_validator,
     make_sourced_validator,
 )
-from stepblocks.parts.face_characteristics import make_contact_roughness
+from stepblocks.parts.face_characteristics import make_contact_roughness_characteristic
 from stepblocks.parts.kind import (
     FITTING_DEFLECTION,
     CloseUp,
@@ -135,7 +135,7 @@ class Sheath(Turned, HeldPart):
     @property
     def mass(self) -> float:
         """Nominal mass [kg]."""
-        volume = _compute_volume(
+        volume = _compute_tube_volume(
             self.bore.nominal,
             self.outer_diameter.nominal,
             self.length.nominal,
@@ -151,8 +151,10 @@ class Sheath(Turned, HeldPart):
         least_length, largest_length = self.length.limits
         least_break, largest_break = self.edge_break.limits
         density = self.material.density.value
-        least = _compute_volume(largest_bore, least_outer, least_length, largest_break)
-        largest = _compute_volume(least_bore, largest_outer, largest_length, max(least_break, 0.0))
+        least = _compute_tube_volume(largest_bore, least_outer, least_length, largest_break)
+        largest = _compute_tube_volume(
+            least_bore, largest_outer, largest_length, max(least_break, 0.0)
+        )
         return density * least, density * largest
 
     def outlines(self) -> list[Outline]:
@@ -190,7 +192,7 @@ class Sheath(Turned, HeldPart):
         yield make_characteristic("outer_diameter", "diameter", self.outer_diameter, outside)
         yield make_characteristic("length", "distance", self.length, near_end, far_end)
         chamfer = FaceRule("CONE", holds={2: 0.5 * self.edge_break.nominal})
-        yield make_edge_break(self.edge_break, near_end, EdgeRule(chamfer, outside))
+        yield make_edge_break_characteristic(self.edge_break, near_end, EdgeRule(chamfer, outside))
         yield make_characteristic(
             "position",
             "note",
@@ -198,7 +200,9 @@ class Sheath(Turned, HeldPart):
             label="position, from the clamp",
             method="caliper, assembled",
         )
-        yield make_contact_roughness(self.face_demands["roughness"], (inside,), "bore")
+        yield make_contact_roughness_characteristic(
+            self.face_demands["roughness"], (inside,), "bore"
+        )
 
     def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Verdict]:
         heights = mesh.vertices[:, 2]
@@ -258,7 +262,7 @@ class Sheath(Turned, HeldPart):
             yield describe_breach("edge_break", rule, largest, chamfer)
 
 
-def _compute_volume(bore: float, outer: float, length: float, chamfer: float) -> float:
+def _compute_tube_volume(bore: float, outer: float, length: float, chamfer: float) -> float:
     """Compute the volume of a tube less two rings of triangular section [m^3], by Pappus."""
     tube = 0.25 * math.pi * (outer**2 - bore**2) * length
     return tube - 2.0 * math.pi * chamfer**2 * (0.5 * outer - chamfer / 3.0)

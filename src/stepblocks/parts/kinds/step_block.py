@@ -38,7 +38,7 @@ from stepblocks.parts.declared import (
     declare_default,
     describe_breach,
     make_rules_validator,
-    read_none,
+    read_none_as_absent,
 )
 from stepblocks.parts.face_characteristics import (
     make_edge_characteristics,
@@ -58,7 +58,7 @@ from stepblocks.parts.kind import (
     choose_exaggeration,
 )
 from stepblocks.parts.material import MaterialField
-from stepblocks.parts.relief import Relief, describe_relief
+from stepblocks.parts.relief import Relief, describe_untouched_balls
 from stepblocks.parts.revolution import Point, Point3
 from stepblocks.parts.second_step import SecondStep
 from stepblocks.parts.shapes import make_hull, split_solid
@@ -146,9 +146,11 @@ class StepBlock(Block):
     edge_radius: Length = declare_default("0 um", otherwise="+2 um / -0 um")
     body: Body = declare_default({})
     stock: Stock | None = None
-    metrology: Annotated[MetrologyFeature | None, BeforeValidator(read_none)] = declare_default({})
-    relief: Annotated[Relief | None, BeforeValidator(read_none)] = None
-    second_step: Annotated[SecondStep | None, BeforeValidator(read_none)] = None
+    metrology: Annotated[MetrologyFeature | None, BeforeValidator(read_none_as_absent)] = (
+        declare_default({})
+    )
+    relief: Annotated[Relief | None, BeforeValidator(read_none_as_absent)] = None
+    second_step: Annotated[SecondStep | None, BeforeValidator(read_none_as_absent)] = None
     material: MaterialField = declare_default("steel")
     working_faces: WorkingFaces | None = None
     tolerance: FeltTolerance | None = None
@@ -213,7 +215,7 @@ class StepBlock(Block):
     def derived(self) -> list[list[str]]:
         return [
             *describe_felt_tolerance(self.tolerance),
-            *describe_relief(self.counterface()),
+            *describe_untouched_balls(self.counterface()),
         ]
 
     def top(self, x: float) -> float:

@@ -23,7 +23,10 @@ from stepblocks.parts.declared import (
     describe_breach,
     make_rules_validator,
 )
-from stepblocks.parts.face_characteristics import make_contact_roughness, make_form
+from stepblocks.parts.face_characteristics import (
+    make_contact_roughness_characteristic,
+    make_zone_characteristic,
+)
 from stepblocks.parts.kind import (
     COARSE_DEFLECTION,
     CONTACT_DEFLECTION,
@@ -124,7 +127,7 @@ class Tip(Turned, HeldPart):
             method="microscope",
         ).doubled
         ball = FaceRule("SPHERE", radius=self.ball_radius.nominal)
-        yield make_contact_roughness(self.face_demands["roughness"], (ball,), "ball")
+        yield make_contact_roughness_characteristic(self.face_demands["roughness"], (ball,), "ball")
 
     def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Verdict]:
         ball = self.ball_radius.nominal
@@ -223,7 +226,7 @@ class StraightTip(Tip):
         zone = self.runout
         if zone is None:
             zone = Dimension(0.0, _RUNOUT, 0.0, usual=True)
-        return make_form(
+        return make_zone_characteristic(
             "runout",
             "run-out of the ball to A, the shank",
             "note",
