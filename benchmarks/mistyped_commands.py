@@ -319,7 +319,7 @@ def run(words: tuple[str, ...], folder: Path) -> tuple[int, str]:
         signal.signal(signal.SIGALRM, signal.SIG_DFL)
         signal.alarm(SECONDS)
         webbrowser.open = lambda *_, **__: True  # type: ignore[assignment]
-        RunServer.until_done = lambda _: None  # type: ignore[method-assign]
+        RunServer.serve_until_done = lambda _: None  # type: ignore[method-assign]
         os.chdir(folder)
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         os.dup2(os.open(said, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), 2)

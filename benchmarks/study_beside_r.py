@@ -21,7 +21,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import t
 
-from stepblocks.study.analysis.accuracy import compare_groups, correct_conditions
+from stepblocks.study.analysis.accuracy import compare_groups, correct_condition_test
 from stepblocks.study.analysis.anova import Interval, Term, run_f_test
 from stepblocks.study.analysis.mixed import fit_mixed_model
 from stepblocks.study.analysis.ordinal import fit_ordinal_model, fit_proportional_odds
@@ -117,7 +117,7 @@ def compare_unequal_groups() -> Iterator[Row]:
     yield from compare("analysis of variance", "afex treatment", list_term(group))
     yield from compare("analysis of variance", "afex treatment:phase", list_term(within))
     phases = fit_mixed_model(means, "value", "condition", "participant").condition
-    _, sphericity = correct_conditions(means, phases)
+    _, sphericity = correct_condition_test(means, phases)
     assert sphericity is not None
     name = "afex phase, epsilons of Geisser, and of Huynh and Feldt"
     ours = [sphericity.epsilon, sphericity.huynh_feldt]

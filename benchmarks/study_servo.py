@@ -188,7 +188,7 @@ def compiled(folder: Path) -> str:
 
 
 def served(server: RunServer) -> None:
-    """Serve as `RunServer.until_done` does, without its end."""
+    """Serve as `RunServer.serve_until_done` does, without its end."""
     raise_priority(10)
     server.serve_forever(poll_interval=0.1)
 

@@ -174,7 +174,7 @@ def test_a_virtual_trial_leaves_motion_and_forces_and_needs_to_be_felt(virtual):
 
 def test_an_answer_that_a_full_disk_does_not_take_is_refused_in_one_line(real, monkeypatch, capfd):
     server = RunServer(open_run(real, "1"))
-    threading.Thread(target=server.until_done, daemon=True).start()
+    threading.Thread(target=server.serve_until_done, daemon=True).start()
     client = http.client.HTTPConnection("127.0.0.1", server.server_address[1])
 
     def answer(trial):
@@ -205,7 +205,7 @@ def test_an_answer_that_a_full_disk_does_not_take_is_refused_in_one_line(real, m
 
 def test_the_page_answers_only_itself(real):
     server = RunServer(open_run(real, "1"))
-    threading.Thread(target=server.until_done, daemon=True).start()
+    threading.Thread(target=server.serve_until_done, daemon=True).start()
     client = http.client.HTTPConnection("127.0.0.1", server.server_address[1])
 
     def ask(path, body=None, **headers):

@@ -10,7 +10,7 @@ from scipy.integrate import quad
 from scipy.stats import cauchy, nct, t as student
 
 from stepblocks.study.analysis.mixed import fit_mixed_model
-from stepblocks.study.analysis.people import describe_unlike_participants
+from stepblocks.study.analysis.people import describe_unusual_participants
 from stepblocks.study.analysis.psychometric import fit_psychometric
 from stepblocks.study.analysis.repeated import (
     assess_effect,
@@ -152,7 +152,7 @@ def test_one_height_alone_gives_no_participant_a_trend():
         {"participant": ["1"] * 4, "height": [50e-6] * 4, "estimate_um": [40.0, 45.0, 55.0, 60.0]}
     )
     with warnings.catch_warnings(action="error"):
-        assert describe_unlike_participants(frame, "estimate_um") == []
+        assert describe_unusual_participants(frame, "estimate_um") == []
 
 
 @pytest.mark.parametrize(
@@ -166,6 +166,6 @@ def test_who_answers_far_below_the_others_is_named_like_who_answers_far_above(fa
     estimates = [*others, 50.0 * factor]
     names = list("abcdefghijk")
     frame = pd.DataFrame({"participant": names, "height": 50e-6, "estimate_um": estimates})
-    found = describe_unlike_participants(frame, "estimate_um")
+    found = describe_unusual_participants(frame, "estimate_um")
     assert len(found) == named
     assert all(note.startswith("Participant k's mean answer is ") for note in found)

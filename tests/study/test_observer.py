@@ -9,10 +9,10 @@ import pytest
 from stepblocks.errors import StudyError
 from stepblocks.study.design.simulate import (
     Observer,
-    read_off_height,
+    interpolate_heights,
     simulate_comparison,
     simulate_estimates,
-    simulate_sensation,
+    simulate_felt_energies,
 )
 
 HEIGHTS = np.array([20e-6, 40e-6, 80e-6])
@@ -61,7 +61,7 @@ def test_equal_blocks_are_distinguished_by_chance_and_lapses_are_a_coin():
 
 def test_two_felt_energies_differ_by_the_noise_of_one_comparison():
     observer = Observer(weber=0.3)
-    felt = np.log(simulate_sensation(np.ones(40_000), observer, np.random.default_rng(5)))
+    felt = np.log(simulate_felt_energies(np.ones(40_000), observer, np.random.default_rng(5)))
     # sigma of a comparison is ln(1.3) / z(0.75); each of the two sensations has its share of the
     # variance
     assert felt.std() * math.sqrt(2.0) == pytest.approx(
@@ -98,13 +98,15 @@ def test_a_lapse_is_the_height_of_some_block_and_no_estimate_is_negative():
 
 def test_reading_off_goes_through_what_is_known_and_on_in_straight_lines_of_logarithms():
     curved = HEIGHTS**2.0
-    assert read_off_height(curved, HEIGHTS, curved) == pytest.approx(HEIGHTS, rel=1e-12)
-    assert read_off_height([4.0 * curved[-1]], HEIGHTS, curved) == pytest.approx(
+    assert interpolate_heights(curved, HEIGHTS, curved) == pytest.approx(HEIGHTS, rel=1e-12)
+    assert interpolate_heights([4.0 * curved[-1]], HEIGHTS, curved) == pytest.approx(
         [2.0 * HEIGHTS[-1]], rel=1e-12
     )
-    assert read_off_height(curved, HEIGHTS[::-1], curved[::-1]) == pytest.approx(HEIGHTS, rel=1e-12)
+    assert interpolate_heights(curved, HEIGHTS[::-1], curved[::-1]) == pytest.approx(
+        HEIGHTS, rel=1e-12
+    )
     with pytest.raises(StudyError, match="at least two, positive, and rise"):
-        read_off_height([1.0], HEIGHTS[:1], curved[:1])
+        interpolate_heights([1.0], HEIGHTS[:1], curved[:1])
 
 
 @pytest.mark.parametrize(

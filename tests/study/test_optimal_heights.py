@@ -14,8 +14,8 @@ from stepblocks.errors import StepblocksError
 from stepblocks.study.design.adaptive import Prior
 from stepblocks.study.design.information import (
     CurveShape,
-    describe_curve,
-    describe_line,
+    compute_curve_sensitivity,
+    compute_line_sensitivity,
     find_log_spread,
 )
 from stepblocks.study.design.placement import Target
@@ -125,7 +125,7 @@ def test_without_the_error_of_the_spread_all_trials_would_lie_at_the_threshold()
     # 4 spread**2 / n; its information is singular, its generalised inverse gives that of the median
     heights = STANDARD * np.exp(np.linspace(-0.6, 0.6, 41))
     prior = Prior(weber=WEBER, weber_factor=1.0, equal_factor=1.0)
-    sensitivity = describe_curve(heights, STANDARD, prior, 0.0, CurveShape.LOGISTIC)
+    sensitivity = compute_curve_sensitivity(heights, STANDARD, prior, 0.0, CurveShape.LOGISTIC)
     asymptotic = Criterion(sensitivity, (0,))
     found = exchange_trials(asymptotic, np.full(41, 4.0), 1, 1)
     assert set(np.flatnonzero(found)) <= {19, 20, 21}
@@ -164,7 +164,7 @@ def test_no_shift_of_trials_tells_more_with_lapses_and_a_vague_expectation(targe
     heights = np.arange(20, 121, 2) * 1e-6
     prior = Prior(weber=WEBER, weber_factor=1.5, equal_factor=1.1)
     goal = Target(target)
-    sensitivity = describe_curve(heights, STANDARD, prior, 0.02, CurveShape.NORMAL)
+    sensitivity = compute_curve_sensitivity(heights, STANDARD, prior, 0.02, CurveShape.NORMAL)
     criterion = Criterion(sensitivity, goal.places, goal.spread)
     start = np.zeros(len(heights))
     start[::10] = 1000.0
@@ -199,7 +199,7 @@ def test_no_other_share_of_trials_tells_more(places, lapse):
     heights = np.array([30e-6, 38e-6, 45e-6, 55e-6, 66e-6, 90e-6])
     prior = Prior(weber_factor=1.5, equal_factor=1.1)
     criterion = Criterion(
-        describe_curve(heights, STANDARD, prior, lapse, CurveShape.NORMAL), places
+        compute_curve_sensitivity(heights, STANDARD, prior, lapse, CurveShape.NORMAL), places
     )
     values = []
     for counts in itertools.product(range(11), repeat=len(heights)):
@@ -214,7 +214,7 @@ def test_heights_of_equal_trials_are_the_best_that_can_be_chosen():
     heights = (np.arange(20, 100, 5) * 1e-6).tolist()
     design = place("jnd", source=heights, same_trials=True, number=4, trials=80)
     assert set(design.optimal.trials) == {20}
-    sensitivity = describe_curve(
+    sensitivity = compute_curve_sensitivity(
         np.array(heights),
         STANDARD,
         Prior(weber_factor=1.0, equal_factor=1.0),
@@ -232,7 +232,7 @@ def test_heights_of_equal_trials_are_the_best_that_can_be_chosen():
 
 def test_the_determinant_follows_every_added_trial():
     heights = np.array([20e-6, 40e-6, 60e-6])
-    criterion = Criterion(describe_line(heights, 0.3), (1,))
+    criterion = Criterion(compute_line_sensitivity(heights, 0.3), (1,))
     trials = np.array([3.0, 2.0, 5.0])
     for place_of, value in enumerate(criterion.assess_additions(trials, 4.0)):
         more = trials.copy()

@@ -15,10 +15,10 @@ from statsmodels.stats.anova import AnovaRM
 from stepblocks.errors import StudyError
 from stepblocks.study.analysis.foreign import read_foreign_judgements
 from stepblocks.study.analysis.paper import format_latex, format_markdown, list_paper_tables
-from stepblocks.study.analysis.people import _describe_levels, find_lone_distance
+from stepblocks.study.analysis.people import _describe_distant_means, find_outlier_distance
 from stepblocks.study.analysis.prose import write_headline
 from stepblocks.study.analysis.repeated import compute_effect_interval
-from stepblocks.study.conduct.run import _read_page_number
+from stepblocks.study.conduct.run import _convert_decimal_comma
 from stepblocks.study.design.blocks import Item, assign_codes
 from stepblocks.study.design.trials import design_trials
 from stepblocks.study.run import analyse_study, design_study
@@ -205,12 +205,12 @@ def test_a_design_for_one_participant_finds_no_difference(tmp_path):
     ("given", "read"), [("60,5", "60.5"), ("60.5", "60.5"), ("0,125", "0.125")]
 )
 def test_the_page_takes_a_decimal_comma(given, read):
-    assert _read_page_number("estimate_um", given) == read
+    assert _convert_decimal_comma("estimate_um", given) == read
 
 
 def test_what_may_be_thousands_is_asked_back_in_the_words_of_the_page():
     with pytest.raises(StudyError, match=r"the height in micrometres .* 1250 or 1\.250"):
-        _read_page_number("estimate_um", "1,250")
+        _convert_decimal_comma("estimate_um", "1,250")
 
 
 def test_no_code_reads_as_a_word():
@@ -225,9 +225,9 @@ def test_participants_alike_are_said_to_be_far_from_the_others_in_few_studies():
         named = 0
         for _ in range(300):
             levels = 50e-6 * np.exp(generator.normal(0.0, 0.3, people))
-            named += bool(_describe_levels(dict(enumerate(levels))))
+            named += bool(_describe_distant_means(dict(enumerate(levels))))
         assert named <= 15
-    assert find_lone_distance(6) > find_lone_distance(30) > 3.0
+    assert find_outlier_distance(6) > find_outlier_distance(30) > 3.0
 
 
 def test_a_paper_gets_means_deviations_tests_and_effect_sizes(tmp_path):

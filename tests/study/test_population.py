@@ -94,7 +94,7 @@ def test_the_marginal_likelihood_is_that_of_brute_force_integration():
     exact = [
         sum(whole(at, k, n) for k, n in zip(hits[:3], totals[:3], strict=True)) for at in points
     ]
-    found = [-model._loss(at)[0] for at in points]
+    found = [-model._compute_loss(at)[0] for at in points]
     assert found[1] - found[0] == pytest.approx(exact[1] - exact[0], abs=1e-3)
 
 
@@ -102,7 +102,7 @@ def test_the_gradient_is_that_of_the_likelihood():
     model = fitted(*simulated(1))
     point = np.array([0.02, -2.0, -1.5, -1.0, 0.04, -3.0])
     assert optimize.check_grad(
-        lambda at: model._loss(at)[0], lambda at: model._loss(at)[1], point
+        lambda at: model._compute_loss(at)[0], lambda at: model._compute_loss(at)[1], point
     ) == pytest.approx(0.0, abs=1e-3)
 
 

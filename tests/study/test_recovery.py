@@ -14,7 +14,7 @@ from stepblocks.study.analysis.judgements import join_answers
 from stepblocks.study.analysis.ordinal import fit_ordinal_model
 from stepblocks.study.analysis.psychometric import MAX_LAPSE, compute_weber, fit_psychometric
 from stepblocks.study.design.blocks import Item
-from stepblocks.study.design.simulate import Observer, read_off_height
+from stepblocks.study.design.simulate import Observer, interpolate_heights
 from stepblocks.study.design.simulated_answers import simulate_answers
 from stepblocks.study.power import SimulatedStudy, compute_p_value, estimate_power
 
@@ -104,10 +104,10 @@ def test_height_of_energy_inverts_the_prediction():
     energies = np.array(
         [find_release(find_step_angle(h, 125e-6), 1.0, 0.15).vibration_energy for h in heights]
     )
-    assert read_off_height(energies, heights, energies) == pytest.approx(heights, rel=1e-12)
-    assert read_off_height([energies[0] / 2], heights, energies)[0] < heights[0]
+    assert interpolate_heights(energies, heights, energies) == pytest.approx(heights, rel=1e-12)
+    assert interpolate_heights([energies[0] / 2], heights, energies)[0] < heights[0]
     with pytest.raises(StudyError, match="rise with the height"):
-        read_off_height([1.0], heights, energies[::-1])
+        interpolate_heights([1.0], heights, energies[::-1])
 
 
 def binomial_band(runs, rate=0.05):

@@ -25,7 +25,7 @@ def server(tmp_path_factory):
     folder = tmp_path_factory.mktemp("study")
     design_study((20e-6, 50e-6), folder, seed=1, participants=1, repetitions=1, probes=("a", "b"))
     found = RunServer(open_run(folder, "1"))
-    threading.Thread(target=found.until_done, daemon=True).start()
+    threading.Thread(target=found.serve_until_done, daemon=True).start()
     yield found
     found.shutdown()
 

@@ -12,7 +12,7 @@ from stepblocks.study.design.sheet import (
     blind_row,
     format_key,
     list_answer_columns,
-    write_new_files,
+    write_without_replacing,
 )
 from stepblocks.study.design.trials import DESIGN_COLUMNS
 from stepblocks.study.experiments.registry import EXPERIMENTS
@@ -66,10 +66,10 @@ def test_the_key_of_a_comparison_names_the_standard_too():
 
 
 def test_a_file_that_somebody_changed_stays_and_nothing_beside_it_is_written(tmp_path):
-    write_new_files(tmp_path / "new", {"one.csv": "1\n", "two.html": "\u00fc\n"})
+    write_without_replacing(tmp_path / "new", {"one.csv": "1\n", "two.html": "\u00fc\n"})
     assert (tmp_path / "new" / "two.html").read_bytes() == "\u00fc\n".encode()
-    write_new_files(tmp_path / "new", {"one.csv": "1\n"})  # the same content is no conflict
+    write_without_replacing(tmp_path / "new", {"one.csv": "1\n"})  # the same content is no conflict
     with pytest.raises(PipelineError, match=r"one\.csv has another content already; move it away"):
-        write_new_files(tmp_path / "new", {"three.csv": "3\n", "one.csv": "changed\n"})
+        write_without_replacing(tmp_path / "new", {"three.csv": "3\n", "one.csv": "changed\n"})
     assert sorted(path.name for path in (tmp_path / "new").iterdir()) == ["one.csv", "two.html"]
     assert (tmp_path / "new" / "one.csv").read_text() == "1\n"

@@ -181,7 +181,7 @@ def test_the_page_reveals_no_scale_and_no_code_of_the_standard(tmp_path):
 def test_every_rule_of_the_page_s_policy_is_kept(tmp_path):
     design_study(HEIGHTS, tmp_path, seed=1, participants=1, repetitions=1, probes=("a", "b"))
     server = RunServer(open_run(tmp_path, "1"))
-    threading.Thread(target=server.until_done, daemon=True).start()
+    threading.Thread(target=server.serve_until_done, daemon=True).start()
     host = f"127.0.0.1:{server.server_port}"
 
     def ask(body=b"{}", path="/begin", **headers):
@@ -216,7 +216,7 @@ def test_every_rule_of_the_page_s_policy_is_kept(tmp_path):
         assert rule in headers["Content-Security-Policy"]
     assert "unsafe-inline'; script" in headers["Content-Security-Policy"]  # of styles alone
     server._second, server._requests = 10**9, 0
-    server.is_too_busy = lambda: True
+    server.count_request_over_limit = lambda: True
     assert ask()[0] == 429
     server.shutdown()
 
@@ -227,9 +227,9 @@ def test_a_page_may_ask_400_times_in_a_second_and_again_in_the_next(tmp_path, mo
     monkeypatch.setattr(
         "stepblocks.study.conduct.server.time", types.SimpleNamespace(monotonic=lambda: now[0])
     )
-    assert [server.is_too_busy() for _ in range(403)] == [False] * 400 + [True] * 3
+    assert [server.count_request_over_limit() for _ in range(403)] == [False] * 400 + [True] * 3
     now[0] = 10.99
-    assert server.is_too_busy()
+    assert server.count_request_over_limit()
     now[0] = 11.0
-    assert not server.is_too_busy()
+    assert not server.count_request_over_limit()
     server.server_close()

@@ -158,7 +158,7 @@ def test_what_training_cannot_do_is_refused(study, tmp_path_factory):
 def test_the_page_serves_a_training_until_the_sitting_is_done(study):
     training = stepblocks.open_training(study, "2", 1)
     server = RunServer(training)
-    served = threading.Thread(target=server.until_done, daemon=True)
+    served = threading.Thread(target=server.serve_until_done, daemon=True)
     served.start()
     client = http.client.HTTPConnection("127.0.0.1", server.server_address[1])
     body = json.dumps({"trial": "1", "answers": {"second_is_higher": "y"}})

@@ -385,7 +385,7 @@ def _serve_run(run: PageRun, port: int, no_open: bool) -> bool:
 
         webbrowser.open(server.url)
     try:
-        server.until_done()
+        server.serve_until_done()
     except KeyboardInterrupt:
         return False
     return True

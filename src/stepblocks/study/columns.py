@@ -54,7 +54,7 @@ def group_by_participant(rows: Iterable[dict[str, str]]) -> dict[str, list[dict[
     return by_participant
 
 
-def read_number(text: str) -> float:
+def read_number_or_nan(text: str) -> float:
     """Read a finite number; not-a-number where there is none."""
     try:
         value = float(text)
@@ -105,7 +105,7 @@ class NamedColumns:
             text = row.get(self.name(f"{stem}_{unit}"))
             if text is None:
                 continue
-            number = read_number(text)
+            number = read_number_or_nan(text)
             if unit == "um" or math.isnan(number):
                 return text
             return f"{number * MICROMETRES[unit]:.12g}"

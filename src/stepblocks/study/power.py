@@ -21,7 +21,7 @@ from stepblocks.study.analysis.accuracy import (
     MEASURES,
     SPREAD,
     compute_measure,
-    correct_conditions,
+    correct_condition_test,
 )
 from stepblocks.study.analysis.anova import run_f_test
 from stepblocks.study.analysis.mixed import fit_mixed_model
@@ -163,7 +163,7 @@ def compute_p_value(plan: SimulatedStudy, analysis: str, seed: int) -> float:
         (condition, *_) = test.terms
         return condition.p
     fit = fit_mixed_model(frame, "value", "condition", "participant", block, intervals=False)
-    corrected = correct_conditions(frame, fit.condition).term
+    corrected = correct_condition_test(frame, fit.condition).term
     assert corrected is not None  # a plan has two conditions
     return corrected.p
 
@@ -175,7 +175,7 @@ def _add_effect(frame: Table, plan: SimulatedStudy) -> Table:
     return frame.assign(value=frame["value"] + effect)
 
 
-def find_difference_spread(plan: SimulatedStudy, seed: int) -> float:
+def simulate_difference_spread(plan: SimulatedStudy, seed: int) -> float:
     """Find the standard deviation over participants of the last condition's difference.
 
     It is that of the participants' means, last minus first condition, of a study with so many
@@ -389,7 +389,7 @@ class _Question:
             effect=self.effect,
         )
         if self.effect_size:
-            spread = find_difference_spread(study, self.seed)
+            spread = simulate_difference_spread(study, self.seed)
             study = replace(study, effect=self.effect_size * spread)
         power = estimate_power(
             study, self.analysis, self.runs, self.seed, self.jobs, on=self.cluster
@@ -501,7 +501,7 @@ def study_power(
     check_seed(seed)
     blocks = choose_blocks(source, felt, only)
     energies = blocks.energies()
-    kind = _read_kind(experiment)
+    kind = _resolve_experiment(experiment)
     vibration: tuple[str, ...] = ()
     if kind == "virtual":
         vibration = (VIBRATION_OFF, VIBRATION_ON)
@@ -547,7 +547,7 @@ def study_power(
     return table
 
 
-def _read_kind(experiment: str) -> str:
+def _resolve_experiment(experiment: str) -> str:
     """Return the kind of an experiment of which the power is known."""
     kind = ALIASES.get(experiment, experiment)
     if kind not in ("estimates", "virtual", "constant"):

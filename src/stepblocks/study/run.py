@@ -38,14 +38,14 @@ from stepblocks.study.design.plan import (
     read_prior,
 )
 from stepblocks.study.design.read import read_all_answers, read_design
-from stepblocks.study.design.sheet import blind_row, format_key, write_new_files
+from stepblocks.study.design.sheet import blind_row, format_key, write_without_replacing
 from stepblocks.study.design.simulate import TYPICAL_OBSERVER, Observer
-from stepblocks.study.design.simulated_answers import choose_answers, simulate_answers
+from stepblocks.study.design.simulated_answers import order_answers_adaptively, simulate_answers
 from stepblocks.study.design.trials import REPETITIONS, Design, Factors, design_trials
 from stepblocks.study.design.virtual import VIRTUAL_FACTORS, check_virtual_factor
 from stepblocks.study.experiments.kind import Experiment
 from stepblocks.study.experiments.registry import ALIASES, EXPERIMENTS, refuse_unused_options
-from stepblocks.study.programs.conditions import list_condition_files
+from stepblocks.study.programs.conditions import format_condition_files
 
 _DESIGN = "design.csv"
 # Of an adaptive design: a repetition for every four trials, with each block in either order of a
@@ -167,7 +167,7 @@ def design_study(
     declared = _declare_factors(kind, probes, factors, between)
     if experiment == "virtual":
         _check_virtual_factors(factors, between)
-    stated_prior = _state_prior(prior, trials)
+    stated_prior = _complete_stated_prior(prior, trials)
     plan = Plan(
         primary,
         reference,
@@ -212,7 +212,7 @@ def design_study(
         FILE_NAME: plan.to_json(),
         "preregistration.md": html.unescape(preregistration),
     }
-    write_new_files(Path(folder), files)
+    write_without_replacing(Path(folder), files)
     return design
 
 
@@ -246,7 +246,7 @@ def _check_virtual_factors(factors: Mapping[str, Sequence[str]], between: Sequen
             check_virtual_factor(name, levels)
 
 
-def _state_prior(prior: Mapping[str, float], trials: int) -> Prior:
+def _complete_stated_prior(prior: Mapping[str, float], trials: int) -> Prior:
     """Return what is known before the first trial, with the most trials if they are stated."""
     stated = dict[str, object]()
     if trials:
@@ -312,7 +312,7 @@ def write_sheets(folder: str | Path, program: str = "") -> int:
             )
     if program:
         plan = read_plan(folder)
-        write_new_files(folder, list_condition_files(program, kind, sheets, plan))
+        write_without_replacing(folder, format_condition_files(program, kind, sheets, plan))
         return len(sheets)
     digits = len(str(len(sheets)))
     files = {}
@@ -320,7 +320,7 @@ def write_sheets(folder: str | Path, program: str = "") -> int:
         files[f"sheets/participant-{participant:0>{digits}}.csv"] = format_csv(rows)
     words = read_plan(folder) if "realism_rating" in kind.answers else None
     files["run-sheets.html"] = render_run_sheets(kind.sheet_title, sheets, words)
-    write_new_files(folder, files)
+    write_without_replacing(folder, files)
     return len(sheets)
 
 
@@ -386,9 +386,9 @@ def simulate_study(
         design, blocks.energies(), damping or {}, observer, seed, noise or {}
     )
     if EXPERIMENTS[experiment].adaptive:
-        answers = list(choose_answers(design, answers, read_prior(Path(folder))))
+        answers = list(order_answers_adaptively(design, answers, read_prior(Path(folder))))
     output = Path(output)
-    write_new_files(output.parent, {output.name: format_csv(answers)})
+    write_without_replacing(output.parent, {output.name: format_csv(answers)})
     return len(answers)
 
 

@@ -225,7 +225,7 @@ def analyse_measure(frame: Table, name: str, margin: float = math.nan) -> Measur
     covariate = ORDER if ORDER in data else ""
     mixed = fit_mixed_model(data, "value", "condition", "participant", block, covariate=covariate)
     table = average_participants(data)
-    corrected, sphericity = correct_conditions(data, mixed.condition)
+    corrected, sphericity = correct_condition_test(data, mixed.condition)
     paired = compare_participants(table)
     factors = assess_declared_factors(data, table.dropna())
     groups = GroupComparison((), ())
@@ -248,13 +248,13 @@ def analyse_measure(frame: Table, name: str, margin: float = math.nan) -> Measur
     )
 
 
-def correct_conditions(data: Table, term: Term | None) -> ConditionTest:
+def correct_condition_test(data: Table, term: Term | None) -> ConditionTest:
     """Multiply the degrees of freedom of a test of conditions by Huynh and Feldt's epsilon.
 
     It is that of the participants who judged in every condition, within their groups, as car and
     afex of R have it. Too few participants, or one condition, leave the test as it is.
     """
-    table, group = _join_groups(data)
+    table, group = _average_complete_participants(data)
     if term is None or table.shape[1] < 2 or len(table) < group.nunique() + 2:
         return ConditionTest(term, None)
     contrasts = linalg.helmert(table.shape[1])
@@ -264,7 +264,7 @@ def correct_conditions(data: Table, term: Term | None) -> ConditionTest:
     return ConditionTest(make_term("condition", df, df_error, math.nan, term.f), sphericity)
 
 
-def _join_groups(data: Table) -> _GroupedMeans:
+def _average_complete_participants(data: Table) -> _GroupedMeans:
     """Return the means of participants who judged in every condition, and the group of each."""
     table = average_participants(data).dropna()
     groups = data.assign(group=data.get("group", "")).groupby("participant")["group"].first()
@@ -338,7 +338,7 @@ def compare_groups(data: Table) -> GroupComparison:
     ----------
     Winer, B. J. (1971), Statistical Principles in Experimental Design, 2nd ed., 7.2.
     """
-    table, group = _join_groups(data)
+    table, group = _average_complete_participants(data)
     sizes = group.value_counts().sort_index()
     if len(sizes) < 2 or not sizes.min() >= 2:
         raise StudyError(

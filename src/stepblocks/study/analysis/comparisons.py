@@ -148,7 +148,7 @@ def fit_setting(setting: str, judgements: Table, standard: float) -> Comparisons
     """
     by_participant = judgements.groupby("participant", sort=False)
     curves = tuple(fit_curve(str(name), answers) for name, answers in by_participant)
-    constant = find_constant(judgements, standard)
+    constant = find_constant_answerers(judgements, standard)
     judgements = judgements[~judgements["participant"].isin(constant)]
     if judgements.empty:
         return Comparisons(setting, curves, standard, None, None, constant=constant)
@@ -178,7 +178,7 @@ def fit_setting(setting: str, judgements: Table, standard: float) -> Comparisons
     )
 
 
-def find_constant(judgements: Table, standard: float) -> tuple[str, ...]:
+def find_constant_answerers(judgements: Table, standard: float) -> tuple[str, ...]:
     """Find participants who always gave the same answer, to blocks below and above the standard.
 
     The answer is which block of a pair is higher; with the standard in either place it is also

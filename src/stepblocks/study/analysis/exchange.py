@@ -14,7 +14,7 @@ from stepblocks.study.analysis.judgements import STAMPS
 from stepblocks.study.columns import Row, group_by_participant, list_factors
 from stepblocks.study.design.plan import Plan, read_plan
 from stepblocks.study.design.read import SheetRow, TrialKey, read_all_answers, read_design
-from stepblocks.study.design.sheet import write_new_files
+from stepblocks.study.design.sheet import write_without_replacing
 from stepblocks.study.experiments.registry import EXPERIMENTS
 
 FORMATS = ("bids",)
@@ -68,13 +68,13 @@ class _Dataset:
     def format_files(self) -> dict[str, str]:
         """Return the texts of all files by their names."""
         files = {
-            "dataset_description.json": self._describe(),
+            "dataset_description.json": self._format_dataset_description(),
             "README": f"{self.title}. {_ROWS} Lengths are in micrometres.\n",
-            "participants.tsv": self._list_participants(),
+            "participants.tsv": self._format_participants(),
             "participants.json": _format_json(
                 {"name": {"Description": "name of the participant in the design"}}
             ),
-            f"task-{self.experiment}_beh.json": self._describe_columns(),
+            f"task-{self.experiment}_beh.json": self._format_column_descriptions(),
         }
         for who, rows in self.people.items():
             label = f"sub-{self.labels[who]}"
@@ -82,7 +82,7 @@ class _Dataset:
             files[name] = self._format_rows(rows)
         return files
 
-    def _describe(self) -> str:
+    def _format_dataset_description(self) -> str:
         """Write dataset_description.json."""
         description: dict[str, object] = {
             "Name": self.title,
@@ -97,14 +97,14 @@ class _Dataset:
         description["GeneratedBy"] = [{"Name": "stepblocks", "Version": version("stepblocks")}]
         return _format_json(description)
 
-    def _list_participants(self) -> str:
+    def _format_participants(self) -> str:
         """Write participants.tsv."""
         lines = ["participant_id\tname\n"]
         for who, label in self.labels.items():
             lines.append(f"sub-{label}\t{who}\n")
         return "".join(lines)
 
-    def _describe_columns(self) -> str:
+    def _format_column_descriptions(self) -> str:
         """Write the description of the columns of judgements."""
         description: dict[str, object] = {"TaskName": self.experiment}
         for name in self.columns:
@@ -192,7 +192,7 @@ def share_study(
     credit = _Credit(authors, licence)
     plan = read_plan(Path(folder))
     files = _Dataset(experiment, people, _label_participants(people), credit, plan).format_files()
-    write_new_files(Path(output), files)
+    write_without_replacing(Path(output), files)
     return sorted(files)
 
 

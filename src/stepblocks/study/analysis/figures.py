@@ -135,7 +135,7 @@ def _list_drawings(result: Analysis) -> Iterator[_Drawing]:
             yield drawing
 
 
-def _take_look(index: int) -> _Look:
+def _choose_look(index: int) -> _Look:
     """Return the look of a condition by its number; they repeat."""
     return _LOOKS[index % len(_LOOKS)]
 
@@ -157,7 +157,7 @@ def _draw_estimates(figure: Figure, result: Analysis) -> Table:
             condition["height_um"] + (index - middle) * _SIDE_BY_SIDE * top,
             condition["mean_um"],
             condition["half_width_um"].fillna(0.0),
-            fmt=_take_look(index).line,
+            fmt=_choose_look(index).line,
             ms=4,
             lw=1.2,
             capsize=3,
@@ -257,7 +257,7 @@ def _draw_participant_lines(axes: Any, measure: Measure, table: Table) -> "pd.In
         groups_of_rows = firsts["group"]
     numbers, groups = pd.factorize(groups_of_rows, sort=True)
     for number, (who, row) in zip(numbers.tolist(), table.iterrows(), strict=True):
-        look = _take_look(number)
+        look = _choose_look(number)
         axes.plot(
             x, row, look.line, color=look.colour, ms=3, lw=0.8, alpha=0.7, label=groups[number]
         )
@@ -281,7 +281,7 @@ def _draw_ratings(figure: Figure, result: Analysis) -> Table:
             shares[name],
             width,
             label=str(name),
-            hatch=_take_look(index).hatch,
+            hatch=_choose_look(index).hatch,
             edgecolor="white",
         )
     axes.set_xticks(shares.index)
@@ -295,7 +295,7 @@ def _draw_curves(figure: Figure, result: Analysis) -> Table:
     axes = figure.subplots()
     rows = []
     for index, setting in enumerate(result.comparisons):
-        look = _take_look(index)
+        look = _choose_look(index)
         levels = np.array(sorted(_list_levels(setting)))
         x = np.geomspace(0.8 * levels.min(), 1.2 * levels.max(), _CURVE_POINTS)
         for curve in setting.curves:
@@ -322,12 +322,12 @@ def _draw_curve(axes: Any, curve: Curve, x: Array, look: _Look) -> None:
     axes.plot(heights, shares, look.marker, ms=3, alpha=0.5, color=look.colour)
     if curve.fit is None:
         return
-    y = _predict(curve.fit, x)
+    y = _predict_higher(curve.fit, x)
     axes.plot(x * 1e6, y, color=look.colour, lw=0.7, alpha=0.6)
     axes.text(x[-1] * 1e6, y[-1], f" {curve.who}", fontsize=6, va="center")
 
 
-def _predict(fit: Psychometric, x: Array) -> Array:
+def _predict_higher(fit: Psychometric, x: Array) -> Array:
     """Return the probability of an answer "higher" at heights `x` [m]."""
     from scipy.special import ndtr
 
@@ -353,7 +353,7 @@ def _draw_magnitudes(figure: Figure, result: Analysis) -> Table:
     cells = [frame["condition"], frame["participant"], _convert_heights(frame)]
     means: Table = np.exp(np.log(frame["magnitude"]).groupby(cells).mean()).reset_index()
     for index, (name, condition) in enumerate(means.groupby("condition")):
-        look = _take_look(index)
+        look = _choose_look(index)
         style = {"color": look.colour, "ms": 3, "lw": 1}
         axes.plot([], [], look.line, label=name, **style)
         for _, participant in condition.groupby("participant"):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from stepblocks.errors import StudyError
 from stepblocks.files.layout import UNDECLARED, TableLayout
-from stepblocks.study.analysis.judgements import Judgement, Judgements, join_rows
+from stepblocks.study.analysis.judgements import Judgement, Judgements, make_judgements
 from stepblocks.study.columns import (
     FACTOR,
     MICROMETRES,
@@ -95,11 +95,11 @@ def read_foreign_judgements(
         )
     _refuse_copied_rows(rows, {names.name("trial"), "repetition", "time"})
     _refuse_copied_tables(rows, participant)
-    translated = [_translate(row, names) for row in rows]
+    translated = [_translate_row(row, names) for row in rows]
     _refuse_partial_columns(translated)
     crossed = _cross_factors(translated, names, experiment)
     pairs = [Judgement(row.cells, row) for row in _number_rows(crossed, experiment)]
-    judgements = join_rows(experiment, pairs, ratings, {})
+    judgements = make_judgements(experiment, pairs, ratings, {})
     return replace(judgements, remarks=tuple(_describe_unused(rows, names)))
 
 
@@ -133,7 +133,7 @@ def _number_rows(rows: Sequence[SheetRow], experiment: str) -> Iterator[SheetRow
         yield SheetRow(numbered, row.file, row.line)
 
 
-def _translate(row: SheetRow, names: NamedColumns) -> SheetRow:
+def _translate_row(row: SheetRow, names: NamedColumns) -> SheetRow:
     """Return a foreign row in our columns, declared factors last."""
     cells = dict[str, str]()
     for column in DESCRIPTIONS:
@@ -192,7 +192,7 @@ def _cross_factors(
         return rows
     if "condition" not in rows[0].cells:
         return [_join_condition(row, within) for row in rows]
-    beside = [name for name in within if not _is_held(rows, name)]
+    beside = [name for name in within if not _is_fixed_by_condition(rows, name)]
     if not beside:
         return rows
     own = FACTOR + names.name("condition").removeprefix(FACTOR)
@@ -214,10 +214,10 @@ def _join_condition(row: SheetRow, factors: Sequence[str]) -> SheetRow:
 
 def _list_factors_within(rows: Sequence[SheetRow]) -> list[str]:
     """List the factors of which some participant meets several levels."""
-    return [name for name in list_factors(rows[0].cells) if _varies_within(rows, name)]
+    return [name for name in list_factors(rows[0].cells) if _varies_within_participant(rows, name)]
 
 
-def _varies_within(rows: Sequence[SheetRow], name: str) -> bool:
+def _varies_within_participant(rows: Sequence[SheetRow], name: str) -> bool:
     """Return whether a participant meets several levels of a factor."""
     levels = dict[str, set[str]]()
     for row in rows:
@@ -225,7 +225,7 @@ def _varies_within(rows: Sequence[SheetRow], name: str) -> bool:
     return any(len(met) > 1 for met in levels.values())
 
 
-def _is_held(rows: Sequence[SheetRow], name: str) -> bool:
+def _is_fixed_by_condition(rows: Sequence[SheetRow], name: str) -> bool:
     """Return whether the condition tells the level of a factor."""
     levels = dict[str, set[str]]()
     for row in rows:
@@ -314,11 +314,11 @@ def _refuse_copied_tables(rows: Sequence[SheetRow], participant: str) -> None:
     for row in rows:
         texts = tuple(row.cells.values())
         by_participant.setdefault(row.cells[participant], []).append(texts)
-    if all(_is_copied(texts) for texts in by_participant.values()):
+    if all(_repeats_first_half(texts) for texts in by_participant.values()):
         raise StudyError(f"the {len(rows) // 2} rows of a table must not stand twice")
 
 
-def _is_copied(rows: Sequence[tuple[str, ...]]) -> bool:
+def _repeats_first_half(rows: Sequence[tuple[str, ...]]) -> bool:
     """Return whether the second half of a participant's rows is the first again."""
     half = len(rows) // 2
     if len(rows) < _FEWEST_COPIED or len(rows) % 2:

@@ -13,7 +13,7 @@ from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.files.table_rows import list_names
 from stepblocks.files.tables import Table
 from stepblocks.mistakes import format_mistakes
-from stepblocks.study.analysis.people import describe_unlike_participants
+from stepblocks.study.analysis.people import describe_unusual_participants
 from stepblocks.study.analysis.results import StudyResult
 from stepblocks.study.columns import (
     ORDER,
@@ -91,7 +91,7 @@ class Judgements:
         lines += self.remarks
         lines += self._describe_conditions()
         value = EXPERIMENTS[self.experiment].value
-        return lines + describe_unlike_participants(self.frame, value)
+        return lines + describe_unusual_participants(self.frame, value)
 
     def _describe_missing(self) -> str:
         """Name the missing judgements."""
@@ -170,7 +170,7 @@ class Judgements:
         notes = tuple(self.notes())
         frame = self.frame
         if covariate:
-            frame = frame.assign(**{ORDER: _number_trials(frame) / _TRIALS_OF_SLOPE})
+            frame = frame.assign(**{ORDER: _read_trial_numbers(frame) / _TRIALS_OF_SLOPE})
         analysis = EXPERIMENTS[self.experiment].analyse(frame, margin)
         tests = [finding.name for finding in analysis.find_tested()]
         if primary and primary not in tests:
@@ -178,7 +178,7 @@ class Judgements:
         return StudyResult.from_analysis(analysis, self.experiment, notes, primary, reference)
 
 
-def _number_trials(frame: Table) -> pd.Series:
+def _read_trial_numbers(frame: Table) -> pd.Series:
     """Return the numbers of trials.
 
     Raises
@@ -227,7 +227,7 @@ def join_answers(
     asked = planned
     if EXPERIMENTS[experiment].adaptive:  # not all trials are run
         asked = {}
-    return join_rows(experiment, pairs, ratings, asked, mistakes)
+    return make_judgements(experiment, pairs, ratings, asked, mistakes)
 
 
 def _check_trial(planned: Row | None, answer: SheetRow) -> None:
@@ -246,7 +246,7 @@ def _check_trial(planned: Row | None, answer: SheetRow) -> None:
             )
 
 
-def join_rows(
+def make_judgements(
     experiment: str,
     pairs: Sequence[Judgement],
     ratings: tuple[int, int],
@@ -277,7 +277,7 @@ def join_rows(
     kind = EXPERIMENTS[experiment]
     planned = asked or _index_planned(pairs)
     answered = _read_all_values(kind, pairs, ratings, mistakes)
-    left = _find_left_out(planned, answered)
+    left = _find_incomplete_participants(planned, answered)
     columns = _choose_columns(planned)
     missing = list[TrialKey]()
     rows = list[Values]()
@@ -325,7 +325,7 @@ def _read_all_values(
             key = TrialKey(pair.planned["participant"], pair.planned["trial"])
             answered[key] = values
     if found:
-        raise StudyError(_list_mistakes(found))
+        raise StudyError(_format_mistakes(found))
     return answered
 
 
@@ -345,7 +345,7 @@ def _read_values(kind: Experiment, pair: Judgement, ratings: tuple[int, int]) ->
     return values
 
 
-def _list_mistakes(mistakes: Sequence[Mistake]) -> str:
+def _format_mistakes(mistakes: Sequence[Mistake]) -> str:
     """Write all mistakes, with the file of each where there are several."""
     files = list(dict.fromkeys(mistake.row.file for mistake in mistakes))
     placed = []
@@ -357,7 +357,7 @@ def _list_mistakes(mistakes: Sequence[Mistake]) -> str:
     return format_mistakes(placed, ", ".join(files))
 
 
-def _find_left_out(
+def _find_incomplete_participants(
     planned: Mapping[TrialKey, Row], answered: Mapping[TrialKey, Values]
 ) -> list[str]:
     """Return the participants without any answer in a condition of their design.
@@ -373,13 +373,13 @@ def _find_left_out(
         if key in answered:
             met.setdefault(key.participant, set()).add(row["condition"])
     left = []
-    for participant, conditions in _expect_conditions(asked).items():
+    for participant, conditions in _find_expected_conditions(asked).items():
         if not conditions <= met.get(participant, set()):
             left.append(participant)
     return left
 
 
-def _expect_conditions(asked: Mapping[str, set[str]]) -> dict[str, set[str]]:
+def _find_expected_conditions(asked: Mapping[str, set[str]]) -> dict[str, set[str]]:
     """Return the conditions that each participant should have met.
 
     They are all that participants who share a condition met, directly or by others between them:

@@ -363,7 +363,7 @@ def fit_mixed_model(
         sd_condition=response_share * residual * scale,
         sd_residual=residual * scale,
         log_likelihood=log_likelihood,
-        remarks=_describe_variances(variances, repeated),
+        remarks=_describe_zero_variances(variances, repeated),
         slope=slope,
     )
 
@@ -410,7 +410,7 @@ def _make_likelihood(model: Any, data: Table) -> _Likelihood:
     return likelihood
 
 
-def _describe_variances(variances: _Variances, repeated: bool) -> tuple[str, ...]:
+def _describe_zero_variances(variances: _Variances, repeated: bool) -> tuple[str, ...]:
     """Name the variances that are estimated as zero."""
     remarks = []
     if variances.person < _NO_VARIANCE:

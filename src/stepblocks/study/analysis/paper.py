@@ -83,15 +83,15 @@ def list_paper_tables(result: StudyResult) -> list[PaperTable]:
             continue
         measure = finding.test.measure
         tables.append(_tabulate_cells(measure))
-        tables.append(_list_tests(measure, finding))
+        tables.append(_tabulate_tests(measure, finding))
         if measure.paired:
-            tables.append(_list_pairs(measure))
+            tables.append(_tabulate_pairs(measure))
     if result.log_errors:
-        tables.append(_list_log_errors(result.log_errors))
+        tables.append(_tabulate_log_errors(result.log_errors))
     return tables
 
 
-def _list_log_errors(errors: Sequence[LogError]) -> PaperTable:
+def _tabulate_log_errors(errors: Sequence[LogError]) -> PaperTable:
     """Lay out mean and root mean square of the error of the logarithm."""
     rows = []
     for error in errors:
@@ -99,7 +99,7 @@ def _list_log_errors(errors: Sequence[LogError]) -> PaperTable:
         for value, low, high in (error.mean, error.rms):
             figures += [f"{value:.3f}", f"[{low:.3f}, {high:.3f}]"]
         cells = (error.condition or "all", *figures, str(error.people))
-        rows.append(tuple(map(_write_minus, cells)))
+        rows.append(tuple(map(_replace_hyphens, cells)))
     return PaperTable(
         "Error of the logarithm, ln(estimate / height)",
         ("Condition", "M", "95 % CI", "RMS", "95 % CI", "n"),
@@ -122,7 +122,7 @@ def _format_value(value: float, measure: Measure) -> str:
     size = value
     if not measure.is_logarithmic:
         size = value * _MICROMETRE
-    return _write_minus(f"{size:.2f}")
+    return _replace_hyphens(f"{size:.2f}")
 
 
 def _tabulate_cells(measure: Measure) -> PaperTable:
@@ -140,13 +140,13 @@ def _tabulate_cells(measure: Measure) -> PaperTable:
     )
 
 
-def _list_tests(measure: Measure, finding: Finding) -> PaperTable:
+def _tabulate_tests(measure: Measure, finding: Finding) -> PaperTable:
     """Lay out the F tests of conditions and factors."""
     rows = []
     if measure.corrected is not None:
-        rows.append(_write_term(measure.corrected, finding.corrected))
+        rows.append(_format_term_cells(measure.corrected, finding.corrected))
     for term in (*measure.factors, *measure.groups):
-        rows.append(_write_term(term, term.p))
+        rows.append(_format_term_cells(term, term.p))
     return PaperTable(
         f"Tests of the {measure.name}",
         ("Effect", "F test", "p", "partial η²", "95 % CI"),
@@ -156,7 +156,7 @@ def _list_tests(measure: Measure, finding: Finding) -> PaperTable:
     )
 
 
-def _write_term(term: Term, p: float) -> tuple[str, ...]:
+def _format_term_cells(term: Term, p: float) -> tuple[str, ...]:
     """Write an F test as cells."""
     test = format_f_test(term).partition(", p ")[0]
     interval = f"[{term.eta_low:.2f}, {term.eta_high:.2f}]".replace("0.", ".")
@@ -164,9 +164,9 @@ def _write_term(term: Term, p: float) -> tuple[str, ...]:
     return term.name, test, format_apa_p(p).removeprefix("= "), eta, interval
 
 
-def _list_pairs(measure: Measure) -> PaperTable:
+def _tabulate_pairs(measure: Measure) -> PaperTable:
     """Lay out the paired differences: t, p, d with its interval, and BF01."""
-    rows = [_write_pair(interval, measure) for interval in measure.paired]
+    rows = [_format_pair_cells(interval, measure) for interval in measure.paired]
     return PaperTable(
         f"Pairs of conditions, {measure.name} ({_name_unit(measure)})",
         ("Pair", "Difference", "95 % CI", "t", "p", "d", "95 % CI of d", "BF01"),
@@ -177,7 +177,7 @@ def _list_pairs(measure: Measure) -> PaperTable:
     )
 
 
-def _write_pair(interval: Interval, measure: Measure) -> tuple[str, ...]:
+def _format_pair_cells(interval: Interval, measure: Measure) -> tuple[str, ...]:
     """Write a paired difference as cells."""
     t = interval.difference / interval.error
     people = interval.df + 1.0
@@ -188,15 +188,15 @@ def _write_pair(interval: Interval, measure: Measure) -> tuple[str, ...]:
         f"{interval.first} − {interval.second}",
         _format_value(interval.difference, measure),
         f"[{lower_bound}, {upper_bound}]",
-        _write_minus(f"t({format_df(interval.df)}) = {t:.2f}"),
+        _replace_hyphens(f"t({format_df(interval.df)}) = {t:.2f}"),
         format_apa_p(interval.p).removeprefix("= "),
-        _write_minus(f"{interval.effect_size:.2f}"),
-        _write_minus(f"[{low:.2f}, {high:.2f}]"),
+        _replace_hyphens(f"{interval.effect_size:.2f}"),
+        _replace_hyphens(f"[{low:.2f}, {high:.2f}]"),
         f"{compute_bayes_factor(t, people):.3g}",
     )
 
 
-def _write_minus(text: str) -> str:
+def _replace_hyphens(text: str) -> str:
     """Write hyphens before numbers as minus signs."""
     return text.replace("-", "−")
 
@@ -221,23 +221,28 @@ def format_latex(tables: Sequence[PaperTable]) -> str:
         lines += [
             "",
             r"\begin{table}",
-            rf"\caption{{{_escape(table.title)}}}",
+            rf"\caption{{{_escape_latex(table.title)}}}",
             rf"\begin{{tabular}}{{{'l' * len(table.heads)}}}",
             r"\toprule",
             _write_latex_row(table.heads),
             r"\midrule",
         ]
         lines += map(_write_latex_row, table.rows)
-        lines += [r"\bottomrule", r"\end{tabular}", "", rf"\textit{{Note.}} {_escape(table.note)}"]
+        lines += [
+            r"\bottomrule",
+            r"\end{tabular}",
+            "",
+            rf"\textit{{Note.}} {_escape_latex(table.note)}",
+        ]
         lines.append(r"\end{table}")
     return "\n".join(lines) + "\n"
 
 
 def _write_latex_row(cells: Sequence[str]) -> str:
     """Write a row of a LaTeX table."""
-    return " & ".join(map(_escape, cells)) + r" \\"
+    return " & ".join(map(_escape_latex, cells)) + r" \\"
 
 
-def _escape(text: str) -> str:
+def _escape_latex(text: str) -> str:
     """Escape what LaTeX reads as its own."""
     return "".join(_LATEX.get(letter, letter) for letter in text)

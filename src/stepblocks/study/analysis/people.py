@@ -19,7 +19,7 @@ _SWAPPED_FAR = 5.0  # robust standard deviations of a swapped difference from th
 _SWAPPED_NEAR = 2.0  # ... and from theirs with its sign changed
 
 
-def describe_unlike_participants(frame: Table, answer: str) -> list[str]:
+def describe_unusual_participants(frame: Table, answer: str) -> list[str]:
     """Describe participants whose answers stand out.
 
     Parameters
@@ -33,13 +33,15 @@ def describe_unlike_participants(frame: Table, answer: str) -> list[str]:
     means = {}
     for name, judgements in frame.groupby("participant", sort=False):
         means[str(name)] = float(np.mean(judgements[answer].to_numpy(float)))
-        remarks += _describe_trend(name, judgements, answer)
+        remarks += _describe_constant_or_falling_answers(name, judgements, answer)
         remarks += _describe_copies(name, judgements, answer)
         remarks += _describe_haste(name, judgements)
-    return remarks + _describe_levels(means)
+    return remarks + _describe_distant_means(means)
 
 
-def _describe_trend(name: object, judgements: Table, answer: str) -> Iterator[str]:
+def _describe_constant_or_falling_answers(
+    name: object, judgements: Table, answer: str
+) -> Iterator[str]:
     """Report a participant who always gives one answer, or lower answers to higher blocks."""
     from scipy.stats import spearmanr
 
@@ -77,7 +79,7 @@ def _describe_haste(name: object, judgements: Table) -> Iterator[str]:
         yield f"Participant {name} answered in haste: median {median:.2f} s."
 
 
-def _describe_levels(means: Mapping[str, float]) -> list[str]:
+def _describe_distant_means(means: Mapping[str, float]) -> list[str]:
     """Report participants whose mean answer is far from the median; `means` are by participant."""
     if len(means) < _FEWEST_OF_GROUP:
         return []
@@ -89,7 +91,7 @@ def _describe_levels(means: Mapping[str, float]) -> list[str]:
     if not wide > 0.0:
         return []
     remarks = []
-    bound = find_lone_distance(len(levels))
+    bound = find_outlier_distance(len(levels))
     for name, distance in zip(means, distances, strict=True):
         if distance > bound * wide:
             remarks.append(
@@ -100,7 +102,7 @@ def _describe_levels(means: Mapping[str, float]) -> list[str]:
 
 
 @cache
-def find_lone_distance(people: int) -> float:
+def find_outlier_distance(people: int) -> float:
     """Find the distance from the median [robust standard deviations] that is no chance.
 
     In 98 of 100 studies of so many participants, whose levels are normal, the farthest lies nearer.

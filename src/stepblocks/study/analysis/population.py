@@ -199,7 +199,7 @@ class Population:
         profiles = self.likelihood.sum(axis=tuple(summed))
         return np.asarray(profiles @ self.axes[index] / profiles.sum(axis=1))
 
-    def _weigh(self, point: Array, index: int) -> Array:
+    def _weigh_distribution(self, point: Array, index: int) -> Array:
         """Return the distribution along an axis, shape (3, n).
 
         It is multiplied by the powers 0, 1 and 2 of how many spreads each value is from the middle.
@@ -211,7 +211,7 @@ class Population:
 
     def _find_moments(self, point: Array) -> _Moments:
         """Return likelihoods and moments of the participants, and moments of the distribution."""
-        weights = [self._weigh(point, index) for index in range(len(self.axes))]
+        weights = [self._weigh_distribution(point, index) for index in range(len(self.axes))]
         sums = self._rows
         for index, rows in enumerate(weights):
             sums = np.tensordot(rows, sums, (1, index))
@@ -222,7 +222,7 @@ class Population:
         prior = [rows[1:].sum(axis=1, keepdims=True) for rows in weights]
         return _Moments(likelihood, along[:, 1:] / likelihood, np.array(prior))
 
-    def _loss(self, point: Array) -> tuple[float, Array]:
+    def _compute_loss(self, point: Array) -> tuple[float, Array]:
         """Return minus the log likelihood, and its gradient, shape (2 axes,)."""
         moments = self._find_moments(point)
         slopes = (moments.posterior - moments.prior).sum(axis=2)
@@ -235,7 +235,7 @@ class Population:
         if place >= 0:
             bounds[place] = value
         best: OptimizeResult = minimize(
-            self._loss,
+            self._compute_loss,
             np.clip(start, bounds[:, 0], bounds[:, 1]),
             jac=True,
             method="L-BFGS-B",
@@ -321,7 +321,7 @@ class Population:
         ndarray, shape (participants, n, lapses)
             Summed over the other axis, weighted by its distribution.
         """
-        weights = self._weigh(self.best.x, 1 - index)[0]
+        weights = self._weigh_distribution(self.best.x, 1 - index)[0]
         return np.tensordot(self.likelihood, weights, (2 - index, 0))
 
 
@@ -360,14 +360,14 @@ def compare_within(first: Array, second: Array, axis: Array) -> Estimate:
     # in one of them from the spread of everybody would count as a difference.
     correlated = []
     for of_first, of_second in zip(first, second, strict=True):
-        correlated.append(_correlate_lapses(of_first, of_second))
+        correlated.append(_correlate_likelihoods(of_first, of_second))
     likelihood = np.array(correlated).swapaxes(1, 2)
     steps = (axis[1] - axis[0]) * np.arange(1 - len(axis), len(axis))
     scaled = likelihood / likelihood.max(axis=(1, 2), keepdims=True)
     return Population(scaled, (steps, _LAPSES)).estimate(0)
 
 
-def _correlate_lapses(first: Array, second: Array) -> list[Array]:
+def _correlate_likelihoods(first: Array, second: Array) -> list[Array]:
     """Return the likelihood of the difference of one participant's values, for each lapse rate.
 
     Both likelihoods have the shape (n, lapses); each result has the shape (2 n - 1,).

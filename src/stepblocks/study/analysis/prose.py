@@ -61,7 +61,7 @@ def _describe_factors(finding: Finding) -> Iterator[str]:
 
 def _describe_contrast(test: ContrastTest, finding: Finding) -> str:
     """Describe how a quantity differs between two settings."""
-    p = _describe_p(finding)
+    p = _format_finding_p(finding)
     bounds, times = test.interval.bounds, ""
     if test.is_logarithmic:
         bounds, times = bounds.transform(math.exp), " times"
@@ -77,7 +77,7 @@ def _describe_ratings(test: RatingTest, finding: Finding, reference: str) -> str
         if significant and _is_compared(effect, reference):
             ratios.append(_describe_odds(effect))
     text = "; ".join(ratios) or "no pair differs"
-    return f"odds ratios of a higher rating of realism: {text} ({_describe_p(finding)})"
+    return f"odds ratios of a higher rating of realism: {text} ({_format_finding_p(finding)})"
 
 
 def _describe_odds(effect: Interval) -> str:
@@ -99,7 +99,7 @@ def _list_compared(intervals: Iterable[Interval], reference: str) -> list[Interv
     return [interval for interval in intervals if _is_compared(interval, reference)]
 
 
-def _describe_p(finding: Finding) -> str:
+def _format_finding_p(finding: Finding) -> str:
     """Write the corrected probability of a finding."""
     return f"p {format_apa_p(finding.corrected)}"
 
@@ -108,7 +108,7 @@ def _describe_measure(measure: Measure, finding: Finding, reference: str) -> str
     """Describe how conditions differ in a measure, or by how little."""
     paired = _list_compared(measure.paired, reference)
     modelled = _list_compared(measure.mixed.intervals, reference)
-    p = _describe_p(finding)
+    p = _format_finding_p(finding)
     if not finding.corrected < _LEVEL:
         return _describe_no_difference(measure, paired, modelled, p)
     differences = []

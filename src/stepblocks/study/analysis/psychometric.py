@@ -186,11 +186,11 @@ def fit_psychometric(
     counts = _check_counts(levels, hits, totals)
     likelihood = _CurveLikelihood(counts)
     start = _guess_start(likelihood.log_levels, counts)
-    best = _climb_from(likelihood, start)
+    best = _maximise_from_starts(likelihood, start)
     # what a spread of zero loses more; where that is nothing, all small spreads fit alike
     sharper = float(likelihood.miss(_fit_step_functions(counts)).min()) - float(best.fun)
-    middle = _bound_by_profile(likelihood, best, _MIDDLE, start)
-    log_spread = _bound_by_profile(likelihood, best, _LOG_SPREAD, start)
+    middle = _estimate_by_profile(likelihood, best, _MIDDLE, start)
+    log_spread = _estimate_by_profile(likelihood, best, _LOG_SPREAD, start)
     trials = f"{counts.totals.sum():.0f} trials"
     # a threshold that is open comes first: its spread is then unknown as well
     if not math.isfinite(middle.high - middle.low):
@@ -246,11 +246,11 @@ def estimate_psychometric(levels: Array, hits: Array, totals: Array) -> CurveEst
     """
     counts = _check_counts(levels, hits, totals)
     likelihood = _CurveLikelihood(counts)
-    best = _climb_from(likelihood, _guess_start(likelihood.log_levels, counts))
+    best = _maximise_from_starts(likelihood, _guess_start(likelihood.log_levels, counts))
     return CurveEstimate(*(float(value) for value in best.x))
 
 
-def _climb_from(likelihood: _CurveLikelihood, start: _Start) -> OptimizeResult:
+def _maximise_from_starts(likelihood: _CurveLikelihood, start: _Start) -> OptimizeResult:
     """Return the maximum of a likelihood that is found from a start, also one half as wide."""
     starts = [
         [start.middle, start.log_spread, _START_LAPSE],
@@ -259,7 +259,7 @@ def _climb_from(likelihood: _CurveLikelihood, start: _Start) -> OptimizeResult:
     return min((likelihood.maximise(point) for point in starts), key=lambda fit: float(fit.fun))
 
 
-def _bound_by_profile(
+def _estimate_by_profile(
     likelihood: _CurveLikelihood, best: OptimizeResult, place: int, start: _Start
 ) -> Bounded:
     """Return a parameter with the ends where its profile falls by chi squared's 95 % point.

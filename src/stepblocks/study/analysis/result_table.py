@@ -111,7 +111,7 @@ class ResultRow:
     df_error: float = math.nan
     p: float = math.nan
 
-    def write_cells(self) -> list[str | float]:
+    def list_cells(self) -> list[str | float]:
         """Return the cells of the row, in `COLUMNS`."""
         figures: list[float] = [getattr(self, name) for name in FIGURES]
         return [self.measure, self.analysis.value, self.quantity, self.unit.value, *figures]

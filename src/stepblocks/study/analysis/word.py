@@ -97,11 +97,11 @@ def _fill_grid(grid: "Table", table: PaperTable) -> None:
         for cell, text, head in zip(cells, texts, table.heads, strict=True):
             _write_cell(cell.paragraphs[0], text, is_head=row == 0, is_name=head in _NAMES)
     for cell in grid.rows[0].cells:
-        _rule(cell, "top")
-        _rule(cell, "bottom")
+        _draw_rule(cell, "top")
+        _draw_rule(cell, "bottom")
     if table.rows:
         for cell in grid.rows[-1].cells:
-            _rule(cell, "bottom")
+            _draw_rule(cell, "bottom")
     _repeat_on_every_page(grid)
 
 
@@ -121,7 +121,7 @@ def _write_cell(paragraph: "Paragraph", text: str, *, is_head: bool, is_name: bo
         paragraph.add_run(text)
 
 
-def _rule(cell: "_Cell", side: str) -> None:
+def _draw_rule(cell: "_Cell", side: str) -> None:
     """Draw a rule along the ``top`` or ``bottom`` of a cell."""
     from docx.oxml import OxmlElement
     from docx.oxml.ns import qn

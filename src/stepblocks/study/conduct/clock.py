@@ -15,7 +15,7 @@ class SteadyClock:
         return self._offset + time.monotonic()
 
 
-def format_stamp(moment: float) -> str:
+def format_timestamp(moment: float) -> str:
     """Write a time [s] as ISO 8601 in UTC, to the millisecond."""
     stamp = datetime.fromtimestamp(moment, UTC).isoformat(timespec="milliseconds")
     return stamp.replace("+00:00", "Z")

@@ -16,7 +16,7 @@ from stepblocks.haptics.hands import HANDS, Hand, Mouse
 from stepblocks.haptics.servo import Servo, write_motion
 from stepblocks.study.columns import FACTOR, RATINGS, WHEN, Row, read_number
 from stepblocks.study.conduct.answer_file import TIMES, AnswerFile
-from stepblocks.study.conduct.clock import SteadyClock, format_stamp
+from stepblocks.study.conduct.clock import SteadyClock, format_timestamp
 from stepblocks.study.conduct.virtual_blocks import VirtualBlocks
 from stepblocks.study.design.adaptive import order_trials
 from stepblocks.study.design.blocks import Blocks, Declared, find_designed_blocks
@@ -40,7 +40,7 @@ _ANSWER_WORDS = {
 _DECIMAL_COMMA = re.compile(r"(\d+),(\d+)")
 
 
-def _read_page_number(name: str, text: str) -> str:
+def _convert_decimal_comma(name: str, text: str) -> str:
     """Return an answer with a decimal point where a participant wrote a decimal comma.
 
     Three digits behind a comma may be thousands, which nobody must guess.
@@ -327,7 +327,7 @@ class Run:
                 )
             answers = {}
             for name in self.kind.answers:
-                answers[name] = _read_page_number(name, texts.get(name, "").strip())
+                answers[name] = _convert_decimal_comma(name, texts.get(name, "").strip())
             values = self._read_answers(row, answers)
             if self._virtual is not None and self._is_virtual(row):
                 self._end_trial(row, self._virtual)
@@ -337,7 +337,11 @@ class Run:
             else:
                 if math.isnan(reaction):
                     reaction = moment - self._shown
-                stamps = [format_stamp(self._shown), format_stamp(moment), f"{reaction:.3f}"]
+                stamps = [
+                    format_timestamp(self._shown),
+                    format_timestamp(moment),
+                    f"{reaction:.3f}",
+                ]
                 note = " ".join(comment.split())[:_LONGEST_COMMENT]
                 times = dict(zip(TIMES, (*stamps, note), strict=True))
                 self._record({**blind_row(row), **answers, **times})
@@ -347,7 +351,7 @@ class Run:
     def _end_trial(self, row: Row, virtual: VirtualBlocks) -> None:
         """End the servo loop of a trial, and write its motion; it must have been touched."""
         servo = virtual.servo
-        if servo is None or not virtual.is_felt():
+        if servo is None or not virtual.is_touched():
             raise StudyError(f"trial {row['trial']} must be touched before it is answered")
         servo.stop()
         if not self.practice:

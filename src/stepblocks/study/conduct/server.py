@@ -50,7 +50,7 @@ class RunServer(ThreadingHTTPServer):
         self._second = 0
         self._requests = 0  # in that second
 
-    def is_too_busy(self) -> bool:
+    def count_request_over_limit(self) -> bool:
         """Count a request; tell whether there were too many in this second."""
         second = int(time.monotonic())
         if second != self._second:
@@ -59,7 +59,7 @@ class RunServer(ThreadingHTTPServer):
         self._requests += 1
         return self._requests > _MOST_REQUESTS
 
-    def until_done(self) -> None:
+    def serve_until_done(self) -> None:
         """Serve until the last answer is given."""
         if self.experiment.virtual and not raise_priority(_PRIORITY):
             print(
@@ -218,7 +218,7 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_error(411, "a request must say its length")
         elif len(length) > _LONGEST_LENGTH or int(length) > _LARGEST[self.command]:
             self.send_error(413, f"a request must have at most {_LARGEST[self.command]} bytes")
-        elif self.server.is_too_busy():
+        elif self.server.count_request_over_limit():
             self.send_error(429, f"at most {_MOST_REQUESTS} requests in a second are answered")
         else:
             return True

@@ -12,7 +12,7 @@ from stepblocks.errors import StudyError
 from stepblocks.files.atomic import lock_folder, replace_text, resolve_inside
 from stepblocks.files.tables import format_csv
 from stepblocks.study.columns import Row, group_by_participant, read_number
-from stepblocks.study.conduct.clock import SteadyClock, format_stamp
+from stepblocks.study.conduct.clock import SteadyClock, format_timestamp
 from stepblocks.study.design.read import SheetRow, read_design, read_rows
 from stepblocks.study.design.sheet import blind_row
 from stepblocks.study.design.training import Staircase, TrainingTrial
@@ -148,7 +148,7 @@ class Training:
             self._answered = list(_replay(self._staircase, _read_answers(path)))
             self._next = self._staircase.choose()
             self._lock = stack.pop_all()
-        today = format_stamp(self._shown)[:_DAY_DIGITS]
+        today = format_timestamp(self._shown)[:_DAY_DIGITS]
         done = sum(_find_day(answered.answer) == today for answered in self._answered)
         self._left = max(trials - done, 0)
         self._trials = trials
@@ -220,7 +220,7 @@ class Training:
             answer = {
                 **blind_row(row),
                 "second_is_higher": texts.get("second_is_higher", "").strip(),
-                "answered_utc": format_stamp(moment),
+                "answered_utc": format_timestamp(moment),
                 "reaction_s": f"{reaction:.3f}",
             }
             shown = self._next

@@ -75,7 +75,7 @@ class VirtualBlocks:
     def begin(self, row: Row) -> None:
         """Start the servo loop of a trial; one that still runs is ended."""
         self.end()
-        point = self._build_point(row)
+        point = self._choose_operating_point(row)
         renderer = Renderer(
             self.blocks.faces[row["stimulus"]].centre_path(point.ball_radius),
             point,
@@ -93,7 +93,7 @@ class VirtualBlocks:
         self._trial = _Trial(servo, point)
         servo.start()
 
-    def _build_point(self, row: Row) -> OperatingPoint:
+    def _choose_operating_point(self, row: Row) -> OperatingPoint:
         """Return where a block is felt, as the trial's factors say."""
         levels = {}
         for name, dimension in DIMENSIONS.items():
@@ -109,7 +109,7 @@ class VirtualBlocks:
         )
         return replace(point, normal_load=levels.get("load", point.normal_load), tool=tool)
 
-    def is_felt(self) -> bool:
+    def is_touched(self) -> bool:
         """Return whether the block of the trial was touched."""
         servo = self.servo
         return servo is not None and bool((servo.get_columns()["held"] > 0.0).any())

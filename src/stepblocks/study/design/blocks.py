@@ -105,12 +105,12 @@ def assign_codes(
     numbers = generator.permutation(MAX_CODES).tolist()
     judged_numbers = numbers[: len(items)]
     practice_numbers = numbers[len(items) : needed]
-    judged = map(_write_code, judged_numbers)
-    practice = [PRACTICE + _write_code(number) for number in practice_numbers]
+    judged = map(_format_code, judged_numbers)
+    practice = [PRACTICE + _format_code(number) for number in practice_numbers]
     return Codes(dict(zip(judged, items, strict=True)), dict(zip(practice, practised, strict=True)))
 
 
-def _write_code(number: int) -> str:
+def _format_code(number: int) -> str:
     """Write a number below `MAX_CODES` as two letters and a check letter."""
     size = len(_ALPHABET)
     first, second = divmod(number, size)

@@ -78,7 +78,7 @@ class Sensitivity:
         return np.asarray(np.swapaxes(slopes, 1, 2) @ weighted + self.known)
 
 
-def describe_line(heights: Array, noise: float) -> Sensitivity:
+def compute_line_sensitivity(heights: Array, noise: float) -> Sensitivity:
     """Return what magnitudes tell about constant and exponent of a power law.
 
     Parameters
@@ -95,7 +95,7 @@ def describe_line(heights: Array, noise: float) -> Sensitivity:
     return Sensitivity(slopes[np.newaxis], np.ones(1), _UNKNOWN * np.eye(2))
 
 
-def describe_curve(
+def compute_curve_sensitivity(
     heights: Array, standard: float, prior: Prior, lapse: float, shape: CurveShape
 ) -> Sensitivity:
     """Return what comparisons tell about threshold, spread and lapse rate.
@@ -115,9 +115,9 @@ def describe_curve(
     """
     slopes = []
     weights = []
-    for node, weight in _list_nodes(prior.equal_factor):
+    for node, weight in _list_quadrature_nodes(prior.equal_factor):
         middle = math.log(standard * prior.equal) + node * math.log(prior.equal_factor)
-        for spread_node, spread_weight in _list_nodes(prior.weber_factor):
+        for spread_node, spread_weight in _list_quadrature_nodes(prior.weber_factor):
             log_spread = find_log_spread(prior.weber, shape)
             log_spread += spread_node * math.log(prior.weber_factor)
             slopes.append(_differentiate(np.log(heights), middle, log_spread, lapse, shape))
@@ -133,7 +133,7 @@ def find_log_spread(weber: float, shape: CurveShape) -> float:
     return math.log(math.log1p(weber) / shape.quartile)
 
 
-def _list_nodes(factor: float) -> list[tuple[float, float]]:
+def _list_quadrature_nodes(factor: float) -> list[tuple[float, float]]:
     """Return nodes in standard deviations with their weights; one where a value is certain.
 
     `factor` is that by which one standard deviation changes the value [1].

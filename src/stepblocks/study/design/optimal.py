@@ -20,8 +20,8 @@ from stepblocks.study.design.blocks import Declared, choose_blocks
 from stepblocks.study.design.information import (
     CurveShape,
     Sensitivity,
-    describe_curve,
-    describe_line,
+    compute_curve_sensitivity,
+    compute_line_sensitivity,
 )
 from stepblocks.study.design.placement import ExpectedInterval, HeightDesign, Placement, Target
 from stepblocks.study.design.trial_exchange import (
@@ -105,7 +105,7 @@ class _Expectation:
             return ExpectedInterval(quantity, Bounded(middle, middle / factor, middle * factor))
         log_ratio = math.log1p(self.prior.weber)
         logs = Bounded(log_ratio, log_ratio / factor, log_ratio * factor)
-        return ExpectedInterval(quantity, logs.transform(_compute_ratio))
+        return ExpectedInterval(quantity, logs.transform(_compute_weber_fraction))
 
     def reaches(self, trials: Array, width: float) -> bool:
         """Tell whether the interval of the target is at most so wide."""
@@ -183,7 +183,7 @@ class _Shape:
         return self.multiple * math.ceil(max(trials, self.fewest) / self.multiple)
 
 
-def _compute_ratio(log_ratio: float) -> float:
+def _compute_weber_fraction(log_ratio: float) -> float:
     """Return a Weber fraction from the logarithm of one plus it; infinite beyond all floats."""
     try:
         return math.expm1(log_ratio)
@@ -292,7 +292,7 @@ def place_heights(
     _check_count("trials", trials, shape.unit * number, _MOST_TRIALS)
     if trials % shape.multiple:
         raise StudyError(f"trials must be a multiple of {shape.multiple}, got {trials}")
-    best = _find_best(expectation, trials, shape)
+    best = _find_best_trials(expectation, trials, shape)
     equal = shape.unit * spread_evenly(candidates, equal_number, trials // shape.unit)
     criterion = expectation.criterion
     loss = criterion.assess(equal) - criterion.assess(best)
@@ -311,7 +311,7 @@ def _find_trials_for_width(expectation: _Expectation, shape: _Shape, width: floa
     """
     trials = shape.round_up(TRIALS)
     for _ in range(_MOST_TURNS):
-        best = _find_best(expectation, trials, shape)
+        best = _find_best_trials(expectation, trials, shape)
         needed = expectation.find_needed_trials(best / best.sum(), width, shape.multiple)
         most_trials = shape.multiple * (_MOST_TRIALS // shape.multiple)
         # shares for few trials may tell too little of the lapses for any number of trials
@@ -321,7 +321,7 @@ def _find_trials_for_width(expectation: _Expectation, shape: _Shape, width: floa
         if needed == trials:
             break
         trials = needed
-    while not expectation.reaches(_find_best(expectation, trials, shape), width):
+    while not expectation.reaches(_find_best_trials(expectation, trials, shape), width):
         trials += shape.multiple
         if trials > _MOST_TRIALS:
             raise StudyError(
@@ -331,7 +331,7 @@ def _find_trials_for_width(expectation: _Expectation, shape: _Shape, width: floa
     return trials
 
 
-def _find_best(expectation: _Expectation, trials: int, shape: _Shape) -> Array:
+def _find_best_trials(expectation: _Expectation, trials: int, shape: _Shape) -> Array:
     """Return the best trials at each candidate.
 
     The search starts from equal spacing over all candidates and over three halves of them.
@@ -413,9 +413,9 @@ def _list_made_heights(route: MakingRoute) -> list[float]:
 
 def _expect_exponent(candidates: Array, exponent: object, noise: object) -> _Expectation:
     """Check what is expected of magnitudes, and compute what they tell at each candidate."""
-    slope = _read_within("exponent", exponent, -100.0, 100.0)
-    deviation = _read_within("noise", noise, 1e-6, 10.0)
-    sensitivity = describe_line(candidates, deviation)
+    slope = _read_number_within("exponent", exponent, -100.0, 100.0)
+    deviation = _read_number_within("noise", noise, 1e-6, 10.0)
+    sensitivity = compute_line_sensitivity(candidates, deviation)
     return _Expectation(Target.EXPONENT, candidates, sensitivity, math.nan, Prior(), slope)
 
 
@@ -428,12 +428,12 @@ def _expect_curve(
     curve: str,
 ) -> _Expectation:
     """Check what is expected of comparisons, and compute what they tell at each candidate."""
-    rate = _read_within("lapse", lapse, 0.0, MAX_LAPSE)
+    rate = _read_number_within("lapse", lapse, 0.0, MAX_LAPSE)
     if curve not in list(CurveShape):
         known = ", ".join(CurveShape)
         raise StudyError(f"curve must be one of {known}, got {shorten_value(curve)}")
     expected = _complete_expected(prior)
-    sensitivity = describe_curve(candidates, standard, expected, rate, CurveShape(curve))
+    sensitivity = compute_curve_sensitivity(candidates, standard, expected, rate, CurveShape(curve))
     return _Expectation(target, candidates, sensitivity, standard, expected, math.nan)
 
 
@@ -443,7 +443,7 @@ def _find_standard(standard: float | str | None, named: Mapping[str, float]) -> 
         raise StudyError("standard must be given for comparisons: the height of the block [m]")
     if isinstance(standard, str) and standard in named:
         return named[standard]
-    return _read_within("standard", standard, 1e-9, 10e-3, "length")
+    return _read_number_within("standard", standard, 1e-9, 10e-3, "length")
 
 
 def _complete_expected(stated: Mapping[str, object]) -> Prior:
@@ -467,7 +467,7 @@ def _complete_expected(stated: Mapping[str, object]) -> Prior:
     return replace(complete_prior(uncertain), **certain)
 
 
-def _read_within(
+def _read_number_within(
     name: str, value: object, least: float, most: float, dimension: str = "ratio"
 ) -> float:
     """Read a number, and refuse one outside its limits, in SI."""

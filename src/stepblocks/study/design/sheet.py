@@ -54,7 +54,7 @@ def format_key(blocks: Mapping[str, Mapping[str, Item]]) -> str:
     return format_csv(rows, ("participant", "code", "engraved", "stimulus", "height_um"))
 
 
-def write_new_files(folder: Path, texts: Mapping[str, str]) -> None:
+def write_without_replacing(folder: Path, texts: Mapping[str, str]) -> None:
     """Write files that people work on, by their names.
 
     Raises

@@ -78,7 +78,7 @@ class Observer:
 TYPICAL_OBSERVER = Observer()
 
 
-def read_off_height(
+def interpolate_heights(
     energy: Array, heights: Sequence[float] | Array, energies: Sequence[float] | Array
 ) -> Array:
     """Interpolate the heights that usually give some energies.
@@ -112,7 +112,7 @@ def read_off_height(
     return np.asarray(np.exp(line(np.log(np.asarray(energy, dtype=np.float64)))))
 
 
-def simulate_sensation(
+def simulate_felt_energies(
     energies: Array, observer: Observer, generator: np.random.Generator
 ) -> Array:
     """Return felt energies [J]: each is the predicted one with noise of its own."""
@@ -149,8 +149,8 @@ def simulate_estimates(
     setting = trials["setting"].to_numpy()
     heights = trials["height"].to_numpy()
     people = person.max() + 1
-    sensations = simulate_sensation(trials["energy"].to_numpy(), observer, generator)
-    estimates = read_off_height(sensations, *references)
+    sensations = simulate_felt_energies(trials["energy"].to_numpy(), observer, generator)
+    estimates = interpolate_heights(sensations, *references)
     estimates += observer.participant_spread * generator.standard_normal(people)[person]
     responses = generator.standard_normal((people, setting.max() + 1))
     estimates += observer.condition_spread * responses[person, setting]

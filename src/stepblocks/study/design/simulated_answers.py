@@ -71,7 +71,7 @@ def _multiply_levels(row: Row, factors: Mapping[str, float]) -> float:
     return math.prod(factors.get(level, 1.0) for level in list_levels(row))
 
 
-def choose_answers(
+def order_answers_adaptively(
     design: Sequence[dict[str, str]], answers: Sequence[dict[str, str]], prior: Prior
 ) -> Iterator[dict[str, str]]:
     """Yield the answers to the trials that an adaptive design runs, in their order."""

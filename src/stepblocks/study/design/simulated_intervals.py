@@ -17,7 +17,7 @@ from stepblocks.study.analysis.psychometric import (
     estimate_psychometric,
 )
 from stepblocks.study.design.adaptive import Prior
-from stepblocks.study.design.information import CurveShape, describe_curve
+from stepblocks.study.design.information import CurveShape, compute_curve_sensitivity
 from stepblocks.study.design.placement import Target
 from stepblocks.study.design.simulate import Observer
 from stepblocks.study.design.trial_exchange import Criterion
@@ -94,7 +94,9 @@ class Comparing:
         prior = Prior(weber=weber, weber_factor=1.0, equal_factor=1.0)
         lapse = max(curve.lapse, _LEAST_LAPSE)
         threshold = math.exp(curve.middle)
-        sensitivity = describe_curve(self.heights, threshold, prior, lapse, CurveShape.NORMAL)
+        sensitivity = compute_curve_sensitivity(
+            self.heights, threshold, prior, lapse, CurveShape.NORMAL
+        )
         errors = {}
         for goal in (Target.THRESHOLD, Target.JND):
             criterion = Criterion(sensitivity, goal.places, goal.spread)

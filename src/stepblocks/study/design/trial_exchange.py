@@ -75,14 +75,16 @@ class Criterion:
         """
         information = self.sensitivity.add_up(trials)
         slopes = self.sensitivity.slopes
-        beside = _select(information, self.nuisances)
-        growth = np.log1p(added * _compute_forms(information, slopes))
-        gain = growth - np.log1p(added * _compute_forms(beside, slopes[..., self.nuisances]))
+        beside = _select_parameters(information, self.nuisances)
+        growth = np.log1p(added * _compute_quadratic_forms(information, slopes))
+        gain = growth - np.log1p(
+            added * _compute_quadratic_forms(beside, slopes[..., self.nuisances])
+        )
         if self.spread is not None:
             beside_spread = self._list_places_beside((self.spread,))
-            of_spread = _select(information, beside_spread)
+            of_spread = _select_parameters(information, beside_spread)
             log_variance = _compute_log_variance(information, beside_spread)[:, np.newaxis]
-            forms = _compute_forms(of_spread, slopes[..., beside_spread])
+            forms = _compute_quadratic_forms(of_spread, slopes[..., beside_spread])
             less = log_variance - growth + np.log1p(added * forms)
             gain += np.log1p(_SECOND_ORDER * np.exp(log_variance))
             gain -= np.log1p(_SECOND_ORDER * np.exp(less))
@@ -92,16 +94,16 @@ class Criterion:
 
 def _compute_log_variance(information: Array, nuisances: tuple[int, ...]) -> Array:
     """Return ln(determinant of the covariance) of all but some parameters, shape (values,)."""
-    beside = _select(information, nuisances)
+    beside = _select_parameters(information, nuisances)
     return np.asarray(np.linalg.slogdet(beside)[1] - np.linalg.slogdet(information)[1])
 
 
-def _select(matrices: Array, places: tuple[int, ...]) -> Array:
+def _select_parameters(matrices: Array, places: tuple[int, ...]) -> Array:
     """Return the rows and columns of matrices that belong to some parameters."""
     return matrices[:, places][:, :, places]
 
 
-def _compute_forms(matrices: Array, vectors: Array) -> Array:
+def _compute_quadratic_forms(matrices: Array, vectors: Array) -> Array:
     """Return the quadratic forms of the inverse matrices, shape (values, heights)."""
     return np.asarray(np.sum(vectors @ np.linalg.inv(matrices) * vectors, axis=-1))
 

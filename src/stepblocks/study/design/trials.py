@@ -316,13 +316,13 @@ def _list_trials(
     number = 0
     last = ""
     for settings, repetition in itertools.product(plan.list_turns(order), range(plan.repetitions)):
-        cells = list(_cross(plan, settings, judged))
+        cells = list(_cross_blocks_with_conditions(plan, settings, judged))
         facing = dict[str, dict[str, str]]()  # code of the standard by order and block
         if standards:
             for pair_order in PairOrder:
                 drawn = generator.permutation(standards)
                 facing[pair_order] = dict(zip(judged, map(str, drawn), strict=True))
-        for cell in _shuffle(cells, last, generator):
+        for cell in _shuffle_cells(cells, last, generator):
             number += 1
             standard = ""
             if standards:
@@ -338,7 +338,9 @@ def _list_trials(
             last = cell.code
 
 
-def _cross(plan: _Plan, settings: Sequence[int], codes: Sequence[str]) -> Iterator[_Cell]:
+def _cross_blocks_with_conditions(
+    plan: _Plan, settings: Sequence[int], codes: Sequence[str]
+) -> Iterator[_Cell]:
     """Yield every block in every condition of some settings."""
     for setting in settings:
         conditions = plan.list_conditions(setting)
@@ -378,7 +380,9 @@ def make_trial_row(
     return row
 
 
-def _shuffle(cells: Sequence[_Cell], last: str, generator: np.random.Generator) -> list[_Cell]:
+def _shuffle_cells(
+    cells: Sequence[_Cell], last: str, generator: np.random.Generator
+) -> list[_Cell]:
     """Shuffle a set so that no block follows itself, where that is possible.
 
     `last` is the code of the block before the set.

@@ -91,11 +91,11 @@ def _analyse_comparisons(frame: Table, margin: float) -> Analysis:
         frame=frame,
         comparisons=tuple(settings),
         contrasts=contrasts,
-        remarks=tuple(_describe_constant(settings)),
+        remarks=tuple(_describe_constant_answerers(settings)),
     )
 
 
-def _describe_constant(settings: Sequence[Comparisons]) -> Iterator[str]:
+def _describe_constant_answerers(settings: Sequence[Comparisons]) -> Iterator[str]:
     """Name participants who always gave the same answer, and say that no mean has them."""
     for setting in settings:
         where = ""

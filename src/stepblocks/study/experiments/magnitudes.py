@@ -13,7 +13,7 @@ from stepblocks.study.analysis.magnitudes import fit_power_law
 from stepblocks.study.analysis.people import describe_swapped_conditions
 from stepblocks.study.analysis.repeated import compare_participants
 from stepblocks.study.columns import Row, read_number
-from stepblocks.study.design.simulate import Observer, simulate_sensation
+from stepblocks.study.design.simulate import Observer, simulate_felt_energies
 from stepblocks.study.experiments.kind import Experiment, Texts
 
 FREE_MODULUS = "free-modulus"  # each participant chooses the number of the first block
@@ -40,7 +40,7 @@ def _simulate_magnitudes(
     """Simulate magnitudes, as participants write them."""
     energies = trials["energy"].to_numpy()
     person = trials["person"].to_numpy()
-    sensations = simulate_sensation(energies, observer, generator)
+    sensations = simulate_felt_energies(energies, observer, generator)
     moduli = np.exp(_MODULUS_SPREAD * generator.standard_normal(person.max() + 1))[person]
     magnitudes = moduli * (sensations / energies.mean()) ** _EXPONENT * _MODULUS
     texts = []

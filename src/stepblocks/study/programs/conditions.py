@@ -20,7 +20,7 @@ _PROMPTS = {
 }
 
 
-def list_condition_files(
+def format_condition_files(
     program: str, kind: Experiment, sheets: Mapping[str, Sequence[Row]], plan: Plan
 ) -> dict[str, str]:
     """Write the trials of every participant for a program.
@@ -50,10 +50,10 @@ def list_condition_files(
         raise StudyError(f"program must be one of {', '.join(WRITTEN)}, got {program!r}")
     trials = {}
     for participant, rows in sheets.items():
-        trials[participant] = [_list_variables(row, kind) for row in rows]
+        trials[participant] = [_collect_variables(row, kind) for row in rows]
     files = {}
     if program == "jspsych":
-        files[f"{program}/trials.js"] = _write_script(kind, trials, plan)
+        files[f"{program}/trials.js"] = _format_script(kind, trials, plan)
     else:
         for participant, variables in trials.items():
             files[f"{program}/participant-{participant}.csv"] = format_csv(variables)
@@ -72,7 +72,7 @@ def list_condition_files(
     return files
 
 
-def _list_variables(row: Row, kind: Experiment) -> dict[str, str]:
+def _collect_variables(row: Row, kind: Experiment) -> dict[str, str]:
     """Return the variables of a trial: what a run sheet shows, under names that nobody else has."""
     variables = {}
     for name, text in row.items():
@@ -81,7 +81,7 @@ def _list_variables(row: Row, kind: Experiment) -> dict[str, str]:
     return variables
 
 
-def _write_script(kind: Experiment, trials: Mapping[str, Sequence[Row]], plan: Plan) -> str:
+def _format_script(kind: Experiment, trials: Mapping[str, Sequence[Row]], plan: Plan) -> str:
     """Write the trials of all participants and a timeline that runs them, in JavaScript."""
     low, high = plan.anchors
     rating = f"{plan.question} (1: {low}, 7: {high})"

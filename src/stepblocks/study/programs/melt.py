@@ -38,7 +38,7 @@ def melt_table(table: TextTable, pattern: str, search: AnswerSearch) -> TextTabl
     StudyError
         If no column is called so, or the pattern does not say which answer a column holds.
     """
-    known = _find_columns(table, pattern)
+    known = _parse_column_names(table, pattern)
     fields = list(next(iter(known.values())))
     answers = list(map(search.columns.name, search.answers))
     if _ANSWER in fields:
@@ -65,9 +65,9 @@ def melt_table(table: TextTable, pattern: str, search: AnswerSearch) -> TextTabl
     return replace(table, names=names, rows=rows, places=places, units=())
 
 
-def _find_columns(table: TextTable, pattern: str) -> dict[int, Mapping[str, str]]:
+def _parse_column_names(table: TextTable, pattern: str) -> dict[int, Mapping[str, str]]:
     """Return what the names of columns say, by column: the text of each field of the pattern."""
-    expression = _write_expression(pattern)
+    expression = _compile_pattern(pattern)
     found = dict[int, Mapping[str, str]]()
     for column, name in enumerate(table.names):
         fitted = expression.fullmatch(name)
@@ -86,7 +86,7 @@ def _find_columns(table: TextTable, pattern: str) -> dict[int, Mapping[str, str]
     return found
 
 
-def _write_expression(pattern: str) -> re.Pattern[str]:
+def _compile_pattern(pattern: str) -> re.Pattern[str]:
     """Return the regular expression of a pattern.
 
     What separates fields stands in no text, so that a pattern with fewer fields than the columns

@@ -116,7 +116,7 @@ def convert_records(table: TextTable, search: AnswerSearch) -> TextTable:
     if is_planned:
         columns = _name_planned_columns(columns)
     elif "participant" not in search.columns.named:
-        columns.update(_find_people(program, records.table))
+        columns.update(_find_participant_column(program, records.table))
     if chosen and not search.columns.find(_REACTION):
         columns.update(_read_reactions(program, records.table, next(iter(chosen.values()))))
     answers = []
@@ -266,7 +266,7 @@ def _list_kept_columns(
     return columns
 
 
-def _find_people(program: Program, table: TextTable) -> dict[str, list[str]]:
+def _find_participant_column(program: Program, table: TextTable) -> dict[str, list[str]]:
     """Return the column of participants by our name; nothing where there is none."""
     for name in program.people:
         if name not in table.names:
@@ -349,7 +349,7 @@ def _join_events(table: TextTable, answers: Sequence[str], keys: Sequence[str]) 
     for number, cells in enumerate(table.rows):
         key = tuple(pick(cells, compared))
         joined = open_rows.get(key)
-        if joined is None or _share_answer(joined, cells, columns):
+        if joined is None or _both_answer_one_column(joined, cells, columns):
             open_rows[key] = cells
             kept.append(number)
             continue
@@ -358,7 +358,9 @@ def _join_events(table: TextTable, answers: Sequence[str], keys: Sequence[str]) 
     return keep_rows(table, kept)
 
 
-def _share_answer(first: Sequence[str], second: Sequence[str], columns: Sequence[int]) -> bool:
+def _both_answer_one_column(
+    first: Sequence[str], second: Sequence[str], columns: Sequence[int]
+) -> bool:
     """Return whether two rows hold an answer in the same one of some columns."""
     return any(first[column] and second[column] for column in columns)
 
