@@ -15,7 +15,12 @@ from nicegui.testing.user_simulation import user_simulation
 from stepblocks.build.manifest import RecordedVerdict, StimulusRecord, write_sealed
 from stepblocks.build.run import build_sets, find_changes
 from stepblocks.window import texts
-from stepblocks.window.build_page import list_archives, make_build, make_bundle, make_scenes
+from stepblocks.window.build_page import (
+    list_archives,
+    make_build_command,
+    make_order_command,
+    make_scenes_command,
+)
 from stepblocks.window.folder import Folder
 from stepblocks.window.verdicts import list_verdicts
 from stepblocks.window.window import Window
@@ -87,10 +92,10 @@ def test_the_page_says_what_changed_and_shows_its_commands(tmp_path):
     shown = asyncio.run(open_build(tmp_path))
     assert "To be made, new or changed: two/low, two/high" in shown
     assert "Up to date: none" in shown
-    for command in (make_build(["two.toml"]), make_bundle(["two.toml"])):
+    for command in (make_build_command(["two.toml"]), make_order_command(["two.toml"])):
         assert shlex.split(command.line)[1:] == list(command.words)
         assert command.line in shown
-    assert make_scenes(["two.toml"], "mujoco").line in shown
+    assert make_scenes_command(["two.toml"], "mujoco").line in shown
 
 
 async def open_verdicts(folder):
@@ -153,7 +158,7 @@ def test_a_set_is_built_and_bundled_by_clicks_as_the_shown_commands_do(tmp_path,
     assert {row["part"] for row in rows} == {"two/low", "two/high"}
     assert all(row["failures"] == "" for row in rows)
     monkeypatch.chdir(typed)
-    for command in (make_build(["two.toml"]), make_bundle(["two.toml"])):
+    for command in (make_build_command(["two.toml"]), make_order_command(["two.toml"])):
         assert main(command.words) == 0
     archive = Path("out/two/two.quotation.zip")
     assert (clicked / archive).read_bytes() == (typed / archive).read_bytes()

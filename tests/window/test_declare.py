@@ -25,7 +25,7 @@ from stepblocks.predict.run import predict_set
 from stepblocks.window.draft import Draft, StanzaPlace, find_field, list_fields
 from stepblocks.window.felt import draw_profile, predict_felt
 from stepblocks.window.latest_work import LatestWork
-from stepblocks.window.part_view import make_in_worker
+from stepblocks.window.part_view import make_part_view_in_worker
 from stepblocks.window.saving import hold_for_saving
 from stepblocks.window.session_files import SessionDraft
 from stepblocks.window.size_slider import list_sizes, read_range
@@ -320,7 +320,7 @@ async def slide_while_slow_work_hangs(folder, is_let, monkeypatch):
         raise PipelineError("not built")
 
     monkeypatch.setattr("stepblocks.window.declare_page.predict_felt", drag)
-    monkeypatch.setattr("stepblocks.window.part_view.make_in_worker", build)
+    monkeypatch.setattr("stepblocks.window.part_view.make_part_view_in_worker", build)
     seen = []
     try:
         async with user_simulation(root=Window(folder).build) as user:
@@ -446,7 +446,7 @@ def test_one_size_is_followed_within_a_tenth_of_a_second_and_a_second_by_the_dra
 @pytest.mark.long
 def test_the_part_is_shown_as_the_kernel_builds_it_with_its_drawing():
     stimuli = load_shipped("paper-four")
-    view = make_in_worker(stimuli.stimuli[0], stimuli.order)
+    view = make_part_view_in_worker(stimuli.stimuli[0], stimuli.order)
     (body,) = view.bodies
     mesh = trimesh.load(io.BytesIO(body), file_type="stl")
     assert mesh.is_watertight

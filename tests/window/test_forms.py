@@ -16,14 +16,14 @@ from nicegui.testing.user_simulation import user_simulation
 import stepblocks
 from stepblocks.cli import main, make_command
 from stepblocks.errors import PipelineError
-from stepblocks.window.set_page import make_set_design
+from stepblocks.window.set_page import make_set_design_command
 from stepblocks.window.set_request import AxisMark, SetMarks
 from stepblocks.window.study_page import (
-    make_analysis,
-    make_design,
-    make_run,
-    make_sheets,
-    make_simulation,
+    make_analysis_command,
+    make_design_command,
+    make_run_command,
+    make_sheets_command,
+    make_simulation_command,
 )
 from stepblocks.window.target_axis import TargetAxis, list_round_energies
 from stepblocks.window.window import Window
@@ -32,12 +32,12 @@ DECLARED = '[[step_block]]\nid = "low"\nheight = "25 um"\n'
 FILES = ["mine.toml"]
 STUDIES = ["study"]
 FORMS = [
-    make_design(FILES),
-    make_sheets(STUDIES),
-    make_run(STUDIES, FILES),
-    make_simulation(STUDIES, FILES),
-    make_analysis(STUDIES),
-    make_set_design(FILES),
+    make_design_command(FILES),
+    make_sheets_command(STUDIES),
+    make_run_command(STUDIES, FILES),
+    make_simulation_command(STUDIES, FILES),
+    make_analysis_command(STUDIES),
+    make_set_design_command(FILES),
 ]
 # what a person may say; anything else is said as it stands at first
 SAID = {
@@ -119,7 +119,7 @@ def test_the_python_of_a_form_is_a_call_that_its_function_takes(form):
 
 
 def test_the_python_of_a_set_writes_what_its_command_writes(tmp_path, monkeypatch):
-    form = make_set_design([])
+    form = make_set_design_command([])
     answers = answer_all(form) | {"targets": "20 uJ, 30 uJ", "base": "", "plot": ""}
     answers |= {"lowest": "", "highest": "", "number": "", "apart": "", "kind": "step_block"}
     command = form.make_command(answers)

@@ -27,19 +27,19 @@ pytest.importorskip("nicegui")
 from oracles.loop_folder import write_explained_session
 from stepblocks.window import texts
 from stepblocks.window.batch_form import make_batch_command
-from stepblocks.window.build_page import make_build, make_bundle, make_scenes
-from stepblocks.window.declaration_check import make_check
+from stepblocks.window.build_page import make_build_command, make_order_command, make_scenes_command
+from stepblocks.window.declaration_check import make_check_command
 from stepblocks.window.folder import Entry, Kind
 from stepblocks.window.inspect_page import InspectionAnswers
 from stepblocks.window.jobs import JobList, JobState
-from stepblocks.window.loop_view import make_prediction
-from stepblocks.window.set_page import make_set_design
+from stepblocks.window.loop_view import make_prediction_command
+from stepblocks.window.set_page import make_set_design_command
 from stepblocks.window.study_page import (
-    make_analysis,
-    make_design,
-    make_run,
-    make_sheets,
-    make_simulation,
+    make_analysis_command,
+    make_design_command,
+    make_run_command,
+    make_sheets_command,
+    make_simulation_command,
 )
 from stepblocks.window.suggestions import suggest_beginnings, suggest_commands
 
@@ -76,9 +76,9 @@ def answer(form, **answers):
     return form.make_command(said | answers)
 
 
-DESIGN = answer(make_design([FILE]))
-SIMULATED = answer(make_simulation([STUDY], [FILE]))
-RUN = answer(make_run([STUDY], [FILE]), file="")  # serves a page until it is ended
+DESIGN = answer(make_design_command([FILE]))
+SIMULATED = answer(make_simulation_command([STUDY], [FILE]))
+RUN = answer(make_run_command([STUDY], [FILE]), file="")  # serves a page until it is ended
 
 
 def list_suggested():
@@ -93,19 +93,19 @@ def list_suggested():
 # what the window starts; every other command of it does the same with other words
 JOBS = {
     **list_suggested(),
-    "build": make_build([FILE]),
-    "workshop": make_bundle([FILE]),
-    "export": make_scenes([FILE], "forcelaw"),
+    "build": make_build_command([FILE]),
+    "workshop": make_order_command([FILE]),
+    "export": make_scenes_command([FILE], "forcelaw"),
     "inspect": InspectionAnswers("scan.csv", "low", FILE).make_command(),
     "inspect list": make_batch_command("scans.csv", FILE, "", "2 um"),
-    "check": make_check(SESSION),
-    "predict session": make_prediction("bench/b1", "out/b1-loop"),
+    "check": make_check_command(SESSION),
+    "predict session": make_prediction_command("bench/b1", "out/b1-loop"),
     "study design": DESIGN,
-    "study sheet": answer(make_sheets([STUDY])),
+    "study sheet": answer(make_sheets_command([STUDY])),
     "study run": RUN,
     "study simulate": SIMULATED,
-    "study analyse": answer(make_analysis([STUDY])),
-    "design-set": answer(make_set_design([FILE]), file="even.toml"),
+    "study analyse": answer(make_analysis_command([STUDY])),
+    "design-set": answer(make_set_design_command([FILE]), file="even.toml"),
 }
 # the commands that go before a job
 BEFORE = {
@@ -313,7 +313,7 @@ def test_an_answer_of_a_participant_outlives_a_kill_and_the_run_goes_on_with_the
     folder = tmp_path / "lab"
     put_files(folder, "study run")
     port = find_free_port()
-    words = answer(make_run([STUDY], [FILE]), file="", port=str(port)).words
+    words = answer(make_run_command([STUDY], [FILE]), file="", port=str(port)).words
     server = start_server(folder, words)
     (token,) = re.findall(r'token = "([^"]+)"', ask(port, "/"))
     body = json.dumps({"trial": "1", "answers": {"estimate_um": "30"}})

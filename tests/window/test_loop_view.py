@@ -30,7 +30,7 @@ from stepblocks.window.agreement import (
 )
 from stepblocks.window.felt import predict_felt
 from stepblocks.window.folder import Folder
-from stepblocks.window.loop_view import make_drawing, make_prediction
+from stepblocks.window.loop_view import make_drawing_command, make_prediction_command
 from stepblocks.window.next_view import describe_reasons
 from stepblocks.window.window import Window
 
@@ -68,7 +68,10 @@ def test_the_commands_of_a_loop_are_taken_by_the_command_line(name, tmp_path, mo
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "model.json").touch()
     commands = make_command()
-    for shown in (make_prediction(name, "out"), make_drawing(name, "out", "--force")):
+    for shown in (
+        make_prediction_command(name, "out"),
+        make_drawing_command(name, "out", "--force"),
+    ):
         words = shlex.split(shown.line)
         command = commands.commands[words[1]]
         params = command.make_context("stepblocks", words[2:]).params

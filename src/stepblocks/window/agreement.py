@@ -178,15 +178,15 @@ def list_agreements(session: Path, output: Path) -> list[TrialAgreement]:
         trial = str(escape_formula(str(row["trial"])))  # as the features name it
         if trial not in measured:
             continue
-        nominal = dict(_divide(measured[trial], row, "nominal_"))
-        extended = dict(_divide(measured[trial], row, ""))
+        nominal = dict(_compute_ratios(measured[trial], row, "nominal_"))
+        extended = dict(_compute_ratios(measured[trial], row, ""))
         if nominal or extended:
             block = str(measured[trial].get("block", ""))
             agreements.append(TrialAgreement(trial, block, nominal, extended))
     return agreements
 
 
-def _divide(
+def _compute_ratios(
     measured: Mapping[Hashable, object], predicted: Mapping[Hashable, object], prefix: str
 ) -> Iterator[tuple[Figure, float]]:
     """Yield each figure as measured over as predicted, where both are positive numbers."""

@@ -14,9 +14,9 @@ from stepblocks.files.atomic import replace_text
 from stepblocks.files.tables import escape_formula
 from stepblocks.files.text import is_file
 from stepblocks.window import texts
-from stepblocks.window.command_line import ShownCommand, write_call, write_name
+from stepblocks.window.command_line import ShownCommand, format_call, protect_leading_hyphen
 from stepblocks.window.folder import Folder, Kind
-from stepblocks.window.frame import compute_for, show_mistake
+from stepblocks.window.frame import compute_in_background, show_mistake
 from stepblocks.window.job_view import Runnable, show_page
 from stepblocks.window.jobs import Job, JobList
 
@@ -81,7 +81,7 @@ def write_list(folder: Folder, name: str, scans: Sequence[ListedScan]) -> None:
 def make_batch_command(name: str, stimuli: str, unit: str, stylus: str) -> ShownCommand:
     """Make the command that judges the scans of a list."""
     output = f"out/inspect-{PurePosixPath(name).stem}"
-    words = ["inspect", write_name(name), "--stimuli", write_name(stimuli)]
+    words = ["inspect", protect_leading_hyphen(name), "--stimuli", protect_leading_hyphen(stimuli)]
     for option, answer in (("--units", unit), ("--stylus-radius", stylus)):
         if answer:
             words.append(f"{option}={answer}")
@@ -89,7 +89,7 @@ def make_batch_command(name: str, stimuli: str, unit: str, stylus: str) -> Shown
     python = ""
     if not stylus:
         options = {"unit": unit} if unit else {}
-        call = write_call("inspect_many", name, stimuli=stimuli, **options)
+        call = format_call("inspect_many", name, stimuli=stimuli, **options)
         result = call.replace("\n\n", "\n\nresult = ", 1)
         python = f"{result}\nstepblocks.write_many(result, {output!r})"
     return ShownCommand(texts.INSPECT_BATCH, tuple(words), python, f"{output}/{_PAGE}")
@@ -125,9 +125,9 @@ class BatchForm:
                 self._unit = ui.input(texts.UNIT)
                 self._stylus = ui.input(texts.STYLUS)
             self._rows = ui.column().classes("w-full")
-            ui.button(texts.WRITE_LIST, on_click=self._write).props("no-caps")
+            ui.button(texts.WRITE_LIST, on_click=self._write_list).props("no-caps")
             self._command = ui.column().classes("w-full")
-        self._stimuli.classes("w-full").mark("batch-stimuli").on_value_change(self._read_parts)
+        self._stimuli.classes("w-full").mark("batch-stimuli").on_value_change(self._offer_parts)
         self._chosen.classes("w-full").mark("batch-scans").on_value_change(self._show_rows)
 
     def refresh(self) -> None:
@@ -145,14 +145,14 @@ class BatchForm:
         self._chosen.set_options(scans, value=chosen)
         self._stimuli.set_options(files)
 
-    async def _read_parts(self) -> None:
+    async def _offer_parts(self) -> None:
         """Offer the parts that the stimulus file declares."""
         self._command.clear()
         self._identities = []
         try:
             if self._stimuli.value:
                 path = self._folder.resolve(str(self._stimuli.value))
-                stimuli = await compute_for(self._command, load_set, path)
+                stimuli = await compute_in_background(self._command, load_set, path)
                 declared = stimuli.stimuli if stimuli else ()  # none: the window is being closed
                 self._identities = [part.id for part in declared]
         except StepblocksError as error:
@@ -182,7 +182,7 @@ class BatchForm:
                     self._serials[name].mark(f"serial-{name}")
                     self._parts[name].classes("min-w-[240px]").mark(f"part-{name}")
 
-    def _write(self) -> None:
+    def _write_list(self) -> None:
         """Write the list, and show the command that judges its scans."""
         self._command.clear()
         name = f"{self._scans}/{_LIST}"

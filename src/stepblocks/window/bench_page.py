@@ -12,7 +12,7 @@ from stepblocks.window.agreement import RESULT_FILE
 from stepblocks.window.declaration_check import DeclarationCheck
 from stepblocks.window.folder import Entry, Folder, Kind
 from stepblocks.window.folder_drop import take_folders
-from stepblocks.window.frame import compute_for, show_heading, show_mistake
+from stepblocks.window.frame import compute_in_background, show_heading, show_mistake
 from stepblocks.window.gate import LARGEST_UPLOAD, make_size_error
 from stepblocks.window.job_view import Runnable, show_page
 from stepblocks.window.jobs import Job, JobList
@@ -52,10 +52,10 @@ class BenchForm:
         upload = ui.upload(
             label=texts.DROP_SESSION, max_file_size=LARGEST_UPLOAD, auto_upload=True
         ).mark("drop")
-        upload.on_upload(self._take)
+        upload.on_upload(self._take_archive)
         upload.on_rejected(lambda: self._refuse(make_size_error()))
         take_folders(upload, lambda: self._refuse(PipelineError(texts.FOLDER_UNREAD)))
-        names = self._list_sessions()
+        names = self._get_session_names()
         first = session or next(iter(names), "")
         with ui.row().classes("items-center"):
             self._name = ui.input(texts.SESSION, value=first, autocomplete=names)
@@ -65,17 +65,17 @@ class BenchForm:
         if first:
             ui.timer(0.0, self._open, once=True)
 
-    def _list_sessions(self) -> list[str]:
+    def _get_session_names(self) -> list[str]:
         return self._folder.list_names(Kind.SESSION)
 
-    async def _take(self, event: events.UploadEventArguments) -> None:
+    async def _take_archive(self, event: events.UploadEventArguments) -> None:
         """Unpack a dropped archive into the folder, and open it."""
         self._place.clear()
         try:
             name = self.name_session(event.file.name)
             content = await event.file.read()
             target = self._folder.resolve(name)
-            await compute_for(self._place, unpack_session, content, target)
+            await compute_in_background(self._place, unpack_session, content, target)
         except StepblocksError as error:
             with self._place:
                 show_mistake(error)
@@ -122,7 +122,7 @@ class BenchForm:
         unread = None
         try:
             if trace is not None:
-                picture = await compute_for(self._place, draw_trace, trace)
+                picture = await compute_in_background(self._place, draw_trace, trace)
         except StepblocksError as error:  # the settings may say why
             unread = error
         with self._place:

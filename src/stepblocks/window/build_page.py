@@ -7,9 +7,9 @@ from nicegui import ui
 from stepblocks.build.run import BuildChanges, find_changes
 from stepblocks.errors import StepblocksError
 from stepblocks.window import texts
-from stepblocks.window.command_line import ShownCommand, write_call, write_name
+from stepblocks.window.command_line import ShownCommand, format_call, protect_leading_hyphen
 from stepblocks.window.folder import OUTPUT, Folder, Kind
-from stepblocks.window.frame import compute_for, make_columns, show_heading, show_mistake
+from stepblocks.window.frame import compute_in_background, make_columns, show_heading, show_mistake
 from stepblocks.window.job_view import Runnable, show_page
 from stepblocks.window.jobs import Job, JobList
 from stepblocks.window.verdicts import FileVerdict, list_verdicts
@@ -17,24 +17,24 @@ from stepblocks.window.verdicts import FileVerdict, list_verdicts
 _SIMULATORS = ("mujoco", "chai3d", "sofa", "usd", "gltf", "x3d", "forcelaw", "native")
 
 
-def make_build(files: list[str]) -> ShownCommand:
+def make_build_command(files: list[str]) -> ShownCommand:
     """Make the command that builds stimulus files."""
-    words = ("build", *map(write_name, files), "-o", OUTPUT)
-    python = write_call("build_sets", files, OUTPUT)
+    words = ("build", *map(protect_leading_hyphen, files), "-o", OUTPUT)
+    python = format_call("build_sets", files, OUTPUT)
     return ShownCommand(texts.BUILD, words, python, f"{OUTPUT}/index.html")
 
 
-def make_bundle(files: list[str]) -> ShownCommand:
+def make_order_command(files: list[str]) -> ShownCommand:
     """Make the command that writes the papers of an order, and their archive."""
-    words = ("workshop", *map(write_name, files), "-o", OUTPUT)
-    return ShownCommand(texts.BUNDLE, words, write_call("order_parts", files, OUTPUT))
+    words = ("workshop", *map(protect_leading_hyphen, files), "-o", OUTPUT)
+    return ShownCommand(texts.BUNDLE, words, format_call("order_parts", files, OUTPUT))
 
 
-def make_scenes(files: list[str], simulator: str) -> ShownCommand:
+def make_scenes_command(files: list[str], simulator: str) -> ShownCommand:
     """Make the command that writes scenes for a simulator."""
     place = f"{OUTPUT}/scenes-{simulator}"
-    words = ("export", *map(write_name, files), "--for", simulator, "-o", place)
-    python = write_call("export_scenes", files, simulator, place)
+    words = ("export", *map(protect_leading_hyphen, files), "--for", simulator, "-o", place)
+    python = format_call("export_scenes", files, simulator, place)
     return ShownCommand(texts.SCENES.format(simulator=simulator), words, python)
 
 
@@ -90,12 +90,16 @@ class BuildForm:
         """Show what changed, and the commands for the chosen files."""
         self._files = list(self._choice.value)
         self._commands.clear()
-        await self._look()
+        await self._show_changes()
         if not self._files:
             return
         with self._commands:
-            Runnable(make_build(self._files), self._folder, self._jobs, self._end_build)
-            Runnable(make_bundle(self._files), self._folder, self._jobs, self._end_bundle)
+            Runnable(
+                make_build_command(self._files), self._folder, self._jobs, self._show_build_result
+            )
+            Runnable(
+                make_order_command(self._files), self._folder, self._jobs, self._show_order_archives
+            )
             simulator = ui.select(list(_SIMULATORS), label=texts.SIMULATOR, value=_SIMULATORS[0])
             simulator.classes("min-w-[160px]")
             place = ui.column().classes("w-full")
@@ -106,9 +110,9 @@ class BuildForm:
         """Show the command that writes the scenes for a simulator."""
         place.clear()
         with place:
-            Runnable(make_scenes(self._files, simulator), self._folder, self._jobs)
+            Runnable(make_scenes_command(self._files, simulator), self._folder, self._jobs)
 
-    async def _look(self) -> None:
+    async def _show_changes(self) -> None:
         """Show what a build would make and what an earlier one found, or what is wrong."""
         if not self._files:
             self._state.clear()
@@ -116,7 +120,9 @@ class BuildForm:
             return
         paths: list[str | Path] = [self._folder.resolve(name) for name in self._files]
         try:
-            found = await compute_for(self._state, find_changes, paths, self._folder.path / OUTPUT)
+            found = await compute_in_background(
+                self._state, find_changes, paths, self._folder.path / OUTPUT
+            )
         except StepblocksError as error:
             self._state.clear()
             self._verdicts.clear()
@@ -136,7 +142,7 @@ class BuildForm:
         """Show the verdict of every file that a build left, and whether it is of today."""
         parts = sorted({*self._changes.current, *self._changes.outdated})
         output = self._folder.path / OUTPUT
-        found = await compute_for(self._verdicts, list_verdicts, output, parts)
+        found = await compute_in_background(self._verdicts, list_verdicts, output, parts)
         self._verdicts.clear()  # also what a second look has shown meanwhile
         if not found:
             return
@@ -160,14 +166,14 @@ class BuildForm:
             "made_from": made_from,
         }
 
-    async def _end_build(self, job: Job) -> None:
+    async def _show_build_result(self, job: Job) -> None:
         """Show what is to be made still, the verdict of every file, and the page of the build."""
         page = ui.column().classes("w-full")
-        await self._look()
+        await self._show_changes()
         with page:
             show_page(self._folder, job.command.page, texts.REPORT_OF.format(title=texts.BUILD))
 
-    def _end_bundle(self, _: Job) -> None:
+    def _show_order_archives(self, _: Job) -> None:
         """Show the archives of the order."""
         for archive in list_archives(self._folder, self._files):
             name = PurePosixPath(archive).name

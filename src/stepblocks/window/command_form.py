@@ -7,7 +7,7 @@ from nicegui import ui
 
 from stepblocks.errors import PipelineError, StepblocksError
 from stepblocks.window import texts
-from stepblocks.window.command_line import ShownCommand, write_call, write_name
+from stepblocks.window.command_line import ShownCommand, format_call, protect_leading_hyphen
 from stepblocks.window.folder import Folder
 from stepblocks.window.frame import show_heading, show_mistake
 from stepblocks.window.job_view import Runnable
@@ -61,7 +61,7 @@ class Question:
     def make_words(self, answer: str) -> list[str]:
         """Return the words of the command for an answer."""
         if not self.option:
-            return [write_name(answer)]
+            return [protect_leading_hyphen(answer)]
         return [f"{self.option}={answer}"]
 
 
@@ -131,7 +131,7 @@ class FormCommand:
                 options[question.keyword] = value
             else:
                 arguments.append(value)
-        return write_call(self.function, *arguments, **options)
+        return format_call(self.function, *arguments, **options)
 
 
 class CommandForm:

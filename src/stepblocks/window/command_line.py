@@ -39,7 +39,7 @@ class ShownCommand:
         return shlex.join(words)
 
 
-def write_name(name: str) -> str:
+def protect_leading_hyphen(name: str) -> str:
     """Return the name of a file as a word of a command, which no option begins like."""
     if name.startswith("-"):
         return f"./{name}"
@@ -56,7 +56,7 @@ class Code:
         return self.text
 
 
-def write_object(name: str, *arguments: object, **fields: object) -> Code:
+def format_object(name: str, *arguments: object, **fields: object) -> Code:
     """Write the making of an object of the public face; what is not given is left out."""
     written = list(map(repr, arguments))
     for field, value in fields.items():
@@ -65,7 +65,7 @@ def write_object(name: str, *arguments: object, **fields: object) -> Code:
     return Code(f"stepblocks.{name}({', '.join(written)})")
 
 
-def write_call(function: str, *arguments: object, **options: object) -> str:
+def format_call(function: str, *arguments: object, **options: object) -> str:
     """Write the lines of Python that call a function of the public face."""
     written = list(map(repr, arguments))
     written += [f"{name}={value!r}" for name, value in options.items()]

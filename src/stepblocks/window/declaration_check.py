@@ -12,7 +12,7 @@ from stepblocks.files.text import is_file, read_document
 from stepblocks.loop.declared_checks import CalibrationCheck, RateCheck, SessionCheck
 from stepblocks.quantities import format_number, format_units
 from stepblocks.window import texts
-from stepblocks.window.command_line import ShownCommand, write_call, write_name
+from stepblocks.window.command_line import ShownCommand, format_call, protect_leading_hyphen
 from stepblocks.window.folder import OUTPUT, Folder
 from stepblocks.window.frame import make_columns, show_heading, show_message, show_mistake
 from stepblocks.window.job_view import Runnable
@@ -36,16 +36,16 @@ class CheckRow:
     verdict: str
 
 
-def name_check(session: str) -> str:
+def name_check_file(session: str) -> str:
     """Return the file of the folder that the check of a session is written to."""
     return f"{OUTPUT}/{PurePosixPath(session).name}-check.json"
 
 
-def make_check(session: str) -> ShownCommand:
+def make_check_command(session: str) -> ShownCommand:
     """Make the command that holds some trials of a session against its declaration."""
-    target = name_check(session)
-    words = ("measure", write_name(session), "--check", target)
-    return ShownCommand(texts.CHECK_SESSION, words, write_call("check_session", session, target))
+    target = name_check_file(session)
+    words = ("measure", protect_leading_hyphen(session), "--check", target)
+    return ShownCommand(texts.CHECK_SESSION, words, format_call("check_session", session, target))
 
 
 def read_check(path: Path) -> SessionCheck:
@@ -156,7 +156,7 @@ class DeclarationCheck:
         """Show the command, and what it found when it was run last."""
         show_heading(texts.CHECK_HEADING, 2)
         ui.label(texts.CHECK_HELP)
-        Runnable(make_check(self._session), self._folder, self._jobs, self._follow)
+        Runnable(make_check_command(self._session), self._folder, self._jobs, self._follow)
         self._place = ui.column().classes("w-full")
         self.update()
 
@@ -169,7 +169,7 @@ class DeclarationCheck:
         self._place.clear()
         with self._place:
             try:
-                path = self._folder.resolve(name_check(self._session))
+                path = self._folder.resolve(name_check_file(self._session))
                 if is_file(path):
                     self._show(read_check(path))
             except StepblocksError as error:

@@ -15,7 +15,7 @@ from stepblocks.files.text import is_file
 from stepblocks.predict.kept import KeptPredictions
 from stepblocks.quantities import format_units
 from stepblocks.window import texts
-from stepblocks.window.command_line import ShownCommand, write_call, write_name
+from stepblocks.window.command_line import ShownCommand, format_call, protect_leading_hyphen
 from stepblocks.window.draft import Checked, Draft, FormField, StanzaPlace, find_field, list_fields
 from stepblocks.window.felt import CheckedAndFelt, check_and_predict, predict_felt
 from stepblocks.window.felt_view import FeltView
@@ -77,7 +77,7 @@ class DeclarePage:
                     raise PipelineError(texts.WRONG_ENDING.format(ending=_ENDING, name=repr(name)))
                 draft = self._left.take(path)
                 if draft is not None:
-                    self._tell_of_unsaved(draft, partial(self._open, name, place, model))
+                    self._offer_to_discard(draft, partial(self._open, name, place, model))
                 else:
                     draft = Draft(path)
                 with ui.column().classes("w-full") as form:
@@ -86,7 +86,7 @@ class DeclarePage:
             except StepblocksError as error:
                 show_mistake(error)
 
-    def _tell_of_unsaved(self, draft: Draft, open_again: Callable[[], object]) -> None:
+    def _offer_to_discard(self, draft: Draft, open_again: Callable[[], object]) -> None:
         """Say that changes are shown that were never saved, and let them be discarded."""
 
         def discard() -> None:
@@ -121,8 +121,8 @@ class DeclarationForm:
         self._sizes: dict[tuple[str, str], Size] = {}  # with a slider each
         self._changes = 0
         self._kept_by_formula, self._kept_in_time = KeptPredictions(), KeptPredictions()
-        self._formula = LatestWork(self._follow_by_formula)
-        self._beside = LatestWork(self._follow_beside)
+        self._formula = LatestWork(self._check_and_predict)
+        self._beside = LatestWork(self._drag_in_background)
         # what was predicted last, and of which change
         self._predicted: tuple[int, CheckedAndFelt] = 0, CheckedAndFelt(Checked(None))
 
@@ -196,7 +196,7 @@ class DeclarationForm:
     def _offer_sliders(self) -> None:
         """Offer sliders for the sizes of the stanza, where those offered do not fit any more."""
         sizes = self._list_sizes()
-        if _hold(self._sizes, sizes):
+        if _are_sliders_current(self._sizes, sizes):
             return
         self._sizes = sizes
         self._slide.clear()
@@ -212,7 +212,7 @@ class DeclarationForm:
         entry = _read_entry(self._inputs[field.name])
         shown = {key: size for key, size in self._sizes.items() if key[0] == field.name}
         sizes = {(field.name, size.name): size for size in list_sizes(entry)}
-        if not _hold(shown, sizes):
+        if not _are_sliders_current(shown, sizes):
             self._offer_sliders()
 
     def _list_sizes(self) -> dict[tuple[str, str], Size]:
@@ -268,7 +268,7 @@ class DeclarationForm:
         self._changes += 1
         self._formula.ask()
 
-    async def _follow_by_formula(self) -> None:
+    async def _check_and_predict(self) -> None:
         """Show mistakes at their fields; without any, what is felt and the working edge.
 
         What has changed meanwhile is followed behind it: of many moves each result is shown.
@@ -295,7 +295,7 @@ class DeclarationForm:
         self._view.show_part(found.checked.stimuli, self._place, self._find_identity())
         self._beside.ask()
 
-    async def _follow_beside(self) -> None:
+    async def _drag_in_background(self) -> None:
         """Make the part and drag all parts in time, once nothing has changed for a moment."""
         number = -1
         while self._has_changed(number):
@@ -361,11 +361,13 @@ class DeclarationForm:
         """Show the commands that predict what the file declares."""
         self._commands.clear()
         with self._commands:
-            for command in make_predictions(self._name, self._model.name):
+            for command in make_prediction_commands(self._name, self._model.name):
                 show_command(command)
 
 
-def _hold(shown: Mapping[tuple[str, str], Size], sizes: Mapping[tuple[str, str], Size]) -> bool:
+def _are_sliders_current(
+    shown: Mapping[tuple[str, str], Size], sizes: Mapping[tuple[str, str], Size]
+) -> bool:
     """Tell whether sliders that are shown go over these sizes, and over no others."""
     if shown.keys() != sizes.keys():
         return False
@@ -377,12 +379,12 @@ def _read_entry(box: ui.input) -> str:
     return str(box.value or "")
 
 
-def make_predictions(name: str, model: str) -> list[ShownCommand]:
+def make_prediction_commands(name: str, model: str) -> list[ShownCommand]:
     """Make the commands that predict a file; by a model of a session, a build does."""
-    word = write_name(name)
-    predict = ShownCommand(texts.PREDICT, ("predict", word), write_call("predict_set", name))
+    word = protect_leading_hyphen(name)
+    predict = ShownCommand(texts.PREDICT, ("predict", word), format_call("predict_set", name))
     if not model:
         return [predict]
     words = ("build", word, "-o", OUTPUT, "--model", model)
-    python = write_call("build_sets", [name], OUTPUT, model=model)
+    python = format_call("build_sets", [name], OUTPUT, model=model)
     return [predict, ShownCommand(texts.BUILD_BY_MODEL, words, python)]

@@ -45,7 +45,7 @@ class FeltView:
         self._results.set_visibility(False)
         self._mistakes.clear()
         with self._mistakes:
-            lines = list(dict.fromkeys(map(_write_mistake, mistakes)))
+            lines = list(dict.fromkeys(map(_format_mistake, mistakes)))
             for line in lines[:_MOST_MISTAKES]:
                 show_message(line)
             if len(lines) > _MOST_MISTAKES:
@@ -105,7 +105,7 @@ class FeltView:
         await show_solid_and_drawing(part, order, self._place, is_wanted)
 
 
-def _write_mistake(mistake: Mistake) -> str:
+def _format_mistake(mistake: Mistake) -> str:
     """Write a mistake with its place, where it has one."""
     place, text = mistake
     if not place:

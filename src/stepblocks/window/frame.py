@@ -124,8 +124,8 @@ def build_frame(pages: Sequence[Page]) -> None:
         switch = ui.button(icon="contrast", on_click=lambda: _switch_colours(colours))
         switch.props(f'flat dense color=white aria-label="{texts.COLOURS}"').tooltip(texts.COLOURS)
     router = ui.context.client.sub_pages_router
-    router.on_path_changed(partial(_mark_page, links))
-    _mark_page(links, router.current_path)
+    router.on_path_changed(partial(_mark_current_page, links))
+    _mark_current_page(links, router.current_path)
     with ui.element("div").classes("window-content").props("id=content tabindex=-1"):
         ui.sub_pages({page.path: page.build for page in pages})
 
@@ -136,7 +136,7 @@ def add_script(name: str, limits: Mapping[str, int]) -> None:
     ui.add_head_html(f"<script>\n{function}({json.dumps(limits)});\n</script>")
 
 
-def _mark_page(links: Mapping[str, ui.link], address: str) -> None:
+def _mark_current_page(links: Mapping[str, ui.link], address: str) -> None:
     """Mark the link of the page that an address opens, for eyes and for listeners."""
     shown_path = address.partition("?")[0]
     for path, link in links.items():
@@ -179,14 +179,14 @@ def show_command(command: ShownCommand) -> None:
     """Show a command, with buttons that copy it and the same in Python."""
     with ui.row().classes("items-center"):
         ui.label(command.line).classes("command").props(
-            _name_for_listeners(texts.COMMAND_OF.format(title=command.title))
+            _format_aria_label(texts.COMMAND_OF.format(title=command.title))
         )
         _add_copy_button(texts.COPY_COMMAND, command.line)
         if command.python:
             _add_copy_button(texts.COPY_PYTHON, command.python)
 
 
-def _name_for_listeners(name: str) -> str:
+def _format_aria_label(name: str) -> str:
     """Return the property that names an element to who cannot see it."""
     return f'aria-label="{escape(name)}"'
 
@@ -213,7 +213,7 @@ def is_gone(element: ui.element) -> bool:
         return True
 
 
-async def compute_for(
+async def compute_in_background(
     page: ui.element,
     function: Callable[_Arguments, _Found],
     *given: _Arguments.args,

@@ -16,9 +16,14 @@ from stepblocks.quantities import format_units, parse_quantity
 from stepblocks.scans.read import FORMATS
 from stepblocks.window import texts
 from stepblocks.window.batch_form import BatchForm
-from stepblocks.window.command_line import ShownCommand, write_call, write_name, write_object
+from stepblocks.window.command_line import (
+    ShownCommand,
+    format_call,
+    format_object,
+    protect_leading_hyphen,
+)
 from stepblocks.window.folder import Folder, Kind
-from stepblocks.window.frame import compute_for, is_gone, show_heading, show_mistake
+from stepblocks.window.frame import compute_in_background, is_gone, show_heading, show_mistake
 from stepblocks.window.gate import LARGEST_UPLOAD, MOST_FILES, make_size_error
 from stepblocks.window.job_view import Runnable, show_page
 from stepblocks.window.jobs import Job, JobList
@@ -62,8 +67,8 @@ class InspectionAnswers:
     def make_command(self) -> ShownCommand:
         """Make the command that judges the scan."""
         output = f"out/inspect-{PurePosixPath(self.scan).stem}"
-        words = ["inspect", write_name(self.scan), "--stimulus", self.part]
-        words += ["--stimuli", write_name(self.stimuli)]
+        words = ["inspect", protect_leading_hyphen(self.scan), "--stimulus", self.part]
+        words += ["--stimuli", protect_leading_hyphen(self.stimuli)]
         for option, text in (
             ("--units", self.unit),
             ("--channel", self.channel),
@@ -84,9 +89,9 @@ class InspectionAnswers:
         try:
             if self.calibration:
                 calibration = parse_quantity(self.calibration, "ratio")
-                given["instrument"] = write_object("Instrument", calibration_std=calibration)
+                given["instrument"] = format_object("Instrument", calibration_std=calibration)
             if self.begin or self.end or self.stylus_radius:
-                given["options"] = write_object(
+                given["options"] = format_object(
                     "EvaluationOptions",
                     begin=_read_length(self.begin),
                     end=_read_length(self.end),
@@ -95,7 +100,7 @@ class InspectionAnswers:
         except QuantityError:
             return ""
         options = {name: value for name, value in given.items() if value is not None}
-        judge = write_call("inspect_scan", self.scan, self.part, stimuli=self.stimuli, **options)
+        judge = format_call("inspect_scan", self.scan, self.part, stimuli=self.stimuli, **options)
         result = judge.replace("\n\n", "\n\nresult = ", 1)
         return f"{result}\nstepblocks.write_inspection(result, {output!r})"
 
@@ -168,7 +173,7 @@ class InspectForm:
 
     async def _offer_parts(self) -> None:
         """Offer the parts to choose from; the page is there before all files are read."""
-        parts = await compute_for(self._picture, self._list_parts)
+        parts = await compute_in_background(self._picture, self._list_parts)
         self._part.set_options(parts or {})
 
     def _list_parts(self) -> dict[str, str]:
@@ -260,7 +265,7 @@ class InspectForm:
             path = self._folder.resolve(str(self._scan.value).strip())
             unit = str(self._unit.value).strip() or None
             channel = str(self._channel.value).strip() or None
-            picture = await compute_for(self._picture, draw_scan, path, unit, channel)
+            picture = await compute_in_background(self._picture, draw_scan, path, unit, channel)
         except StepblocksError as error:
             with self._picture:
                 show_mistake(error)

@@ -78,7 +78,7 @@ class JobNotes:
         list of JobRecord and Path
             Each with the file of what the job printed.
         """
-        state = _find_state_folder()
+        state = _make_state_folder()
         records: list[tuple[JobRecord, Path]] = []
         for place in _list_places(state):
             is_here = place.name.startswith(self._prefix)
@@ -94,7 +94,7 @@ class JobNotes:
     def get_place(self) -> Path:
         """Return the folder for the jobs of this window, which is made with the first of them."""
         if self._place is None:
-            self._place = Path(tempfile.mkdtemp(prefix=self._prefix, dir=_find_state_folder()))
+            self._place = Path(tempfile.mkdtemp(prefix=self._prefix, dir=_make_state_folder()))
             self._held.append(self._place)
             self._locks.enter_context(try_lock(self._place / _LOCK))
         return self._place
@@ -108,7 +108,7 @@ class JobNotes:
         self._place = None
 
 
-def _find_state_folder() -> Path:
+def _make_state_folder() -> Path:
     """Return the folder of this user's state, made where it is not; else that of temporary files.
 
     Only where a user's own folder can be written to, notes are there after the system's next start.

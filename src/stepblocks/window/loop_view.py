@@ -21,10 +21,10 @@ from stepblocks.window.agreement import (
     list_agreements,
     read_finding,
 )
-from stepblocks.window.command_line import ShownCommand, write_name
+from stepblocks.window.command_line import ShownCommand, protect_leading_hyphen
 from stepblocks.window.folder import Folder
 from stepblocks.window.frame import (
-    compute_for,
+    compute_in_background,
     make_columns,
     show_command,
     show_heading,
@@ -42,19 +42,27 @@ _DIGITS = 4  # of a ratio that is drawn
 Point = dict[str, Any]  # of a series of the chart: name and place
 
 
-def make_prediction(session: str, output: str) -> ShownCommand:
+def make_prediction_command(session: str, output: str) -> ShownCommand:
     """Make the command that predicts the trials of a session by the model of its loop."""
     model = f"{output}/{MODEL_FILE}"
     target = f"{output}-predicted.csv"
-    words = ("predict", write_name(session), "--model", model, "-o", target)
+    words = ("predict", protect_leading_hyphen(session), "--model", model, "-o", target)
     return ShownCommand(texts.PREDICT_SESSION, words)
 
 
-def make_drawing(session: str, output: str, trial: str) -> ShownCommand:
+def make_drawing_command(session: str, output: str, trial: str) -> ShownCommand:
     """Make the command that draws the trace of a trial, with what is fitted to it."""
     features = f"{output}-features.csv"
     plots = f"{output}-plots"
-    words = ("measure", write_name(session), "-o", features, "--plots", plots, f"--trials={trial}")
+    words = (
+        "measure",
+        protect_leading_hyphen(session),
+        "-o",
+        features,
+        "--plots",
+        plots,
+        f"--trials={trial}",
+    )
     return ShownCommand(texts.DRAW_TRIAL.format(trial=trial), words)
 
 
@@ -99,7 +107,7 @@ class LoopView:
         place = ui.column().classes("w-full")
         try:
             finding = read_finding(output)
-            found = await compute_for(place, list_agreements, session, output)
+            found = await compute_in_background(place, list_agreements, session, output)
         except StepblocksError as error:
             with place:
                 show_mistake(error)
@@ -119,7 +127,7 @@ class LoopView:
         ui.label(texts.MODEL_OF.format(name=f"{self._output}/{MODEL_FILE}"))
         link = f"/declare?model={quote(f'{self._output}/{MODEL_FILE}')}"
         ui.link(texts.USE_MODEL, link)
-        Runnable(make_prediction(self._session, self._output), self._folder, self._jobs)
+        Runnable(make_prediction_command(self._session, self._output), self._folder, self._jobs)
 
     def _show_trials(self) -> None:
         """Draw every trial; one that is clicked or chosen shows its trace."""
@@ -155,13 +163,13 @@ class LoopView:
         place.clear()
         try:
             session = self._folder.resolve(self._session)
-            image = await compute_for(place, draw_trial, session, trial)
+            image = await compute_in_background(place, draw_trial, session, trial)
         except StepblocksError as error:
             with place:
                 show_mistake(error)
             return
         with place:
-            show_command(make_drawing(self._session, self._output, trial))
+            show_command(make_drawing_command(self._session, self._output, trial))
             if not image:
                 ui.label(texts.NO_TRIAL_PICTURE)
                 return

@@ -44,12 +44,12 @@ def take_many(
     """
     # one request for files that are added together
     upload.classes(_TAKES_MANY).props("batch")
-    upload.on(_TOO_MANY, lambda event: refuse_all(_read_count(event)))
+    upload.on(_TOO_MANY, lambda event: refuse_all(_read_file_count(event)))
     upload.on(_BEGIN, lambda: begin(), args=[])
-    upload.on(_END, lambda event: end(_read_count(event)))
+    upload.on(_END, lambda event: end(_read_file_count(event)))
 
 
-def _read_count(event: events.GenericEventArguments) -> int:
+def _read_file_count(event: events.GenericEventArguments) -> int:
     """Return the number that the field tells."""
     count = event.args
     return count if isinstance(count, int) else 0

@@ -32,7 +32,7 @@ def describe_reasons(finding: LoopFinding, asked: AskedExperiment) -> list[str]:
     return [texts.NEXT_REASON.format(first=names[0], second=second, channel=channel)]
 
 
-def list_moves(asked: AskedExperiment, output: str) -> list[str]:
+def list_next_steps(asked: AskedExperiment, output: str) -> list[str]:
     """List what to do; `output` is the folder that the loop wrote, for the file of a block."""
     moves = [begin_sentence(move) for move in asked.calibration or ()]
     if asked.block is not None:
@@ -62,7 +62,7 @@ def show_next_experiment(finding: LoopFinding, output: str) -> None:
     for reason in describe_reasons(finding, asked):
         ui.label(format_units(reason)).mark("next")
     with ui.element("ul").classes("moves"):
-        for move in list_moves(asked, output):
+        for move in list_next_steps(asked, output):
             with ui.element("li"):
                 ui.label(texts.NEXT_OPEN.format(sentence=format_units(move)))
     if asked.block is not None:

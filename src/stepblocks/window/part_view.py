@@ -16,7 +16,7 @@ from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.kind import Part
 from stepblocks.quantities import format_number
 from stepblocks.window import texts
-from stepblocks.window.frame import compute_for, show_mistake
+from stepblocks.window.frame import compute_in_background, show_mistake
 
 _WIDTH, _HEIGHT = 560, 360  # of the scene [pixels]
 _FAR = 1.7  # distance of the camera, in the length of the part [1]
@@ -78,7 +78,7 @@ def make_part_view(part: Part, order: OrderSpec) -> PartView:
     return PartView(tuple(bodies), exaggeration, (x, y, z), float(np.max(high - low)), text)
 
 
-def make_in_worker(part: Part, order: OrderSpec) -> PartView:
+def make_part_view_in_worker(part: Part, order: OrderSpec) -> PartView:
     """Make the view of a part in a process of its own."""
     (view,) = run_in_processes(make_part_view, [(part, order)], 1)
     return view
@@ -92,7 +92,7 @@ async def show_solid_and_drawing(
     `is_wanted` tells, once it is made, whether it is to be shown still.
     """
     try:
-        view = await compute_for(place, make_in_worker, part, order)
+        view = await compute_in_background(place, make_part_view_in_worker, part, order)
     except StepblocksError as error:
         if is_wanted():
             place.clear()
@@ -104,7 +104,7 @@ async def show_solid_and_drawing(
     place.clear()
     with place:
         _show_scene(part, view)
-        drawing = _encode(_let_scale(view.drawing).encode(), "image/svg+xml")
+        drawing = _encode_as_address(_remove_fixed_size(view.drawing).encode(), "image/svg+xml")
         image = ui.image(drawing).classes("w-full bg-white").mark("drawing")
         image.props(f'alt="{texts.DRAWING_OF.format(part=part.id)}"')
 
@@ -117,7 +117,7 @@ def _show_scene(part: Part, view: PartView) -> None:
     scene.props(f'role=img aria-label="{texts.SOLID_OF.format(part=part.id)}"').mark("solid")
     with scene:
         for number, body in enumerate(view.bodies):
-            shape = scene.stl(_encode(body, "model/stl"))
+            shape = scene.stl(_encode_as_address(body, "model/stl"))
             shape.material(_COLOURS[number % len(_COLOURS)], side="both")
     x, y, z = view.centre
     scene.move_camera(
@@ -129,11 +129,11 @@ def _show_scene(part: Part, view: PartView) -> None:
     ui.label(text)
 
 
-def _let_scale(svg: str) -> str:
+def _remove_fixed_size(svg: str) -> str:
     """Let a drawing be as wide as the page has room."""
     return _SVG_SIZE.sub(r"\1", svg, count=1)
 
 
-def _encode(content: bytes, kind: str) -> str:
+def _encode_as_address(content: bytes, kind: str) -> str:
     """Return bytes as an address that holds them."""
     return f"data:{kind};base64,{base64.b64encode(content).decode()}"

@@ -86,10 +86,12 @@ def draw_scan(path: Path, unit: str | None, channel: str | None) -> ScanPicture:
     columns: list[float] = []
     if places:
         columns = axes.transData.transform(places)[:, 0].tolist()
-    return ScanPicture(_describe(scan), scan.scale, image, tuple(edges), tuple(columns))
+    return ScanPicture(
+        _describe_size_and_range(scan), scan.scale, image, tuple(edges), tuple(columns)
+    )
 
 
-def _describe(scan: "ScannedProfile | HeightMap") -> str:
+def _describe_size_and_range(scan: "ScannedProfile | HeightMap") -> str:
     """Say how many points a scan has, and how far it reaches."""
     from stepblocks.scans.scan import ScannedProfile
 

@@ -65,7 +65,7 @@ class Setting:
         return ".".join((*self.path, self.part.value))
 
 
-def _list_parts(channel: str, label: str) -> tuple[Setting, ...]:
+def _list_channel_settings(channel: str, label: str) -> tuple[Setting, ...]:
     """List what the form asks for of a channel: its column, its unit and its factor."""
     path = ("acquisition", "channels", channel)
     return (
@@ -76,9 +76,9 @@ def _list_parts(channel: str, label: str) -> tuple[Setting, ...]:
 
 
 SETTINGS = (
-    *_list_parts("tangential", texts.TANGENTIAL),
-    *_list_parts("normal", texts.NORMAL),
-    *_list_parts("time", texts.TIME),
+    *_list_channel_settings("tangential", texts.TANGENTIAL),
+    *_list_channel_settings("normal", texts.NORMAL),
+    *_list_channel_settings("time", texts.TIME),
     Setting(("acquisition", "sample_rate"), texts.SAMPLE_RATE),
     Setting(("acquisition", "range"), texts.RANGE),
     Setting(("acquisition", "traces"), texts.TRACES),

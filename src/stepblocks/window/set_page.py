@@ -11,13 +11,13 @@ from stepblocks.errors import PipelineError, StepblocksError
 from stepblocks.files.text import is_file
 from stepblocks.window import texts
 from stepblocks.window.command_form import CommandForm, FormCommand, Question
-from stepblocks.window.command_line import write_call, write_object
+from stepblocks.window.command_line import format_call, format_object
 from stepblocks.window.folder import Folder, Kind
 from stepblocks.window.frame import is_gone, show_heading, show_message
 from stepblocks.window.jobs import Job, JobList
 from stepblocks.window.set_request import (
     FIRST_KIND,
-    find_marks,
+    design_and_list_marks,
     format_target,
     keep_filled,
     read_request,
@@ -43,11 +43,11 @@ class _SetDesignCommand(FormCommand):
         options = dict(request.options)
         if request.route:
             step = request.route.get("step")
-            options["route"] = write_object("MakingRoute", request.route["kind"], step=step)
+            options["route"] = format_object("MakingRoute", request.route["kind"], step=step)
         arguments: list[object] = [request.name]
         if request.targets:
             arguments.append(request.targets)
-        call = write_call("design_set", *arguments, **options)
+        call = format_call("design_set", *arguments, **options)
         lines = [call.replace("\n\n", "\n\ndesign = ", 1)]
         lines.append(f"design.stimuli.to_toml({filled['file']!r})")
         if "plot" in filled:
@@ -55,7 +55,7 @@ class _SetDesignCommand(FormCommand):
         return "\n".join(lines)
 
 
-def make_set_design(stimuli: list[str]) -> FormCommand:
+def make_set_design_command(stimuli: list[str]) -> FormCommand:
     """Make the command that designs a set."""
     file = Question("file", texts.SET_FILE, default=_FIRST_FILE, is_required=True, is_name=True)
     targets = (
@@ -123,7 +123,7 @@ class SetForm:
         self._problems = ui.column().mark("problems")
         stimuli = self._folder.list_names(Kind.STIMULI)
         self._form = CommandForm(
-            make_set_design(stimuli),
+            make_set_design_command(stimuli),
             self._folder,
             self._jobs,
             self._show_set,
@@ -167,7 +167,7 @@ class SetForm:
         marks = None
         try:
             marks = await run.io_bound(
-                find_marks, self._form.read_answers(), self._folder, is_quick=is_quick
+                design_and_list_marks, self._form.read_answers(), self._folder, is_quick=is_quick
             )
         except StepblocksError as error:
             problems = [str(error)]

@@ -125,7 +125,9 @@ class SetMarks:
     blocks: tuple[AxisMark, ...]
 
 
-def find_marks(answers: Mapping[str, str], folder: Folder, *, is_quick: bool) -> SetMarks:
+def design_and_list_marks(
+    answers: Mapping[str, str], folder: Folder, *, is_quick: bool
+) -> SetMarks:
     """Design a set by the answers, as the command does, and return its targets and blocks.
 
     Parameters

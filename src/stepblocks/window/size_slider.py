@@ -49,23 +49,23 @@ class SizeRange:
         """The lower end."""
         if self.grid:
             steps = math.floor((1.0 - _LOWEST) * self.value / self.grid)
-            return _round(self.value - steps * self.grid)
-        return _round(_LOWEST * self.value)
+            return _round_as_written(self.value - steps * self.grid)
+        return _round_as_written(_LOWEST * self.value)
 
     @property
     def high(self) -> float:
         """The upper end."""
         if self.grid:
             steps = math.ceil((_HIGHEST - 1.0) * self.value / self.grid)
-            return _round(self.value + steps * self.grid)
-        return _round(_HIGHEST * self.value)
+            return _round_as_written(self.value + steps * self.grid)
+        return _round_as_written(_HIGHEST * self.value)
 
     @property
     def step(self) -> float:
         """The distance of two values."""
         if self.grid:
             return self.grid
-        return _round((self.high - self.low) / _STEPS)
+        return _round_as_written((self.high - self.low) / _STEPS)
 
     def holds(self, size: "SizeRange") -> bool:
         """Tell whether a size is in this unit, and lies within the slider."""
@@ -73,7 +73,7 @@ class SizeRange:
 
     def format_entry(self, value: float) -> str:
         """Write a value of the slider as the form takes it."""
-        return f"{_round(value):g} {self.unit}"
+        return f"{_round_as_written(value):g} {self.unit}"
 
 
 @dataclass(frozen=True)
@@ -100,10 +100,10 @@ class Size:
         text = self.range.format_entry(value)
         if not self.place:
             return text
-        table = _parse(entry)
-        if _find(table, self.place) is None:
+        table = _parse_entry(entry)
+        if _find_value(table, self.place) is None:
             return entry
-        holder = _find(table, self.place[:-1])
+        holder = _find_value(table, self.place[:-1])
         holder[self.place[-1]] = text
         return str(table.as_string())
 
@@ -129,7 +129,7 @@ def list_sizes(entry: str) -> list[Size]:
     plain = read_range(entry)
     if plain is not None:
         return [Size((), plain)]
-    table = _parse(entry)
+    table = _parse_entry(entry)
     if not isinstance(table, Mapping):
         return []
     sizes = _list_ends(table)
@@ -138,7 +138,7 @@ def list_sizes(entry: str) -> list[Size]:
     if isinstance(values, Sequence) and not isinstance(values, str):
         places += [(_VALUES, number) for number in range(len(values))]
     for place in places:
-        size = read_range(_find(table, place))
+        size = read_range(_find_value(table, place))
         if size is not None:
             sizes.append(Size(place, size))
     return sizes[:MOST_SLIDERS]
@@ -185,7 +185,7 @@ def add_slider(
     slider.props(f'label aria-label="{label}"').classes("w-full").mark("slider")
 
 
-def _parse(entry: str) -> Any:
+def _parse_entry(entry: str) -> Any:
     """Read an entry as a value of TOML; None where it is none."""
     try:
         return read_value(entry)
@@ -193,7 +193,7 @@ def _parse(entry: str) -> Any:
         return None
 
 
-def _find(table: Any, place: tuple[str | int, ...]) -> Any:
+def _find_value(table: Any, place: tuple[str | int, ...]) -> Any:
     """Return what stands at a place of a table; None where nothing does."""
     value = table
     try:
@@ -204,6 +204,6 @@ def _find(table: Any, place: tuple[str | int, ...]) -> Any:
     return value
 
 
-def _round(value: float) -> float:
+def _round_as_written(value: float) -> float:
     """Round to the digits that are written."""
     return float(f"{value:.{_DIGITS}g}")

@@ -16,7 +16,7 @@ _FIRST_FOLDER = "study"
 _FIRST_PORT = "8230"
 
 
-def make_design(stimuli: list[str]) -> FormCommand:
+def make_design_command(stimuli: list[str]) -> FormCommand:
     """Make the command that designs a study with a stimulus file of the folder."""
     folder = Question(
         "folder",
@@ -44,9 +44,9 @@ def make_design(stimuli: list[str]) -> FormCommand:
         "repetitions", texts.REPETITIONS, "--repetitions", "repetitions", "3", read=int
     )
     questions = (
-        _ask_stimuli(stimuli),
+        _make_stimuli_question(stimuli),
         folder,
-        _ask_seed(),
+        _make_seed_question(),
         experiment,
         participants,
         probes,
@@ -62,18 +62,18 @@ def make_design(stimuli: list[str]) -> FormCommand:
     )
 
 
-def make_sheets(studies: list[str]) -> FormCommand:
+def make_sheets_command(studies: list[str]) -> FormCommand:
     """Make the command that writes blinded run sheets."""
     return FormCommand(
         texts.SHEETS,
         ("study", "sheet"),
         "write_sheets",
-        (_ask_study(studies),),
+        (_make_study_question(studies),),
         lambda answers: f"{answers['study']}/run-sheets.html",
     )
 
 
-def make_run(studies: list[str], stimuli: list[str]) -> FormCommand:
+def make_run_command(studies: list[str], stimuli: list[str]) -> FormCommand:
     """Make the command that leads a participant through the trials, at an address of its own."""
     participant = Question(
         "participant",
@@ -92,7 +92,7 @@ def make_run(studies: list[str], stimuli: list[str]) -> FormCommand:
         is_of_function=False,  # in Python nobody needs a page to ask and to answer
     )
     questions = (
-        _ask_study(studies),
+        _make_study_question(studies),
         Question("file", texts.STUDY_FILE, keyword="source", choices=stimuli),
         participant,
         Question("practice", texts.PRACTICE, "--practice", "practice", read=int),
@@ -107,18 +107,18 @@ def make_run(studies: list[str], stimuli: list[str]) -> FormCommand:
     )
 
 
-def make_simulation(studies: list[str], stimuli: list[str]) -> FormCommand:
+def make_simulation_command(studies: list[str], stimuli: list[str]) -> FormCommand:
     """Make the command that lets simulated participants answer."""
     questions = (
-        _ask_study(studies),
-        _ask_stimuli(stimuli),
+        _make_study_question(studies),
+        _make_stimuli_question(stimuli),
         Question("answers", texts.ANSWERS_TO_WRITE, "--output", is_required=True, is_name=True),
-        _ask_seed(),
+        _make_seed_question(),
     )
     return FormCommand(texts.SIMULATE_STUDY, ("study", "simulate"), "simulate_study", questions)
 
 
-def make_analysis(studies: list[str]) -> FormCommand:
+def make_analysis_command(studies: list[str]) -> FormCommand:
     """Make the command that analyses the answers of a study."""
 
     def name_page(answers: Mapping[str, str]) -> str:
@@ -126,7 +126,7 @@ def make_analysis(studies: list[str]) -> FormCommand:
         return f"{report}/report.html"
 
     questions = (
-        _ask_study(studies),
+        _make_study_question(studies),
         Question(
             "answers", texts.ANSWERS, read=lambda text: [text], is_required=True, is_name=True
         ),
@@ -136,17 +136,17 @@ def make_analysis(studies: list[str]) -> FormCommand:
     return FormCommand(texts.ANALYSE, ("study", "analyse"), "analyse_study", questions, name_page)
 
 
-def _ask_stimuli(stimuli: list[str]) -> Question:
+def _make_stimuli_question(stimuli: list[str]) -> Question:
     """Ask for the stimulus file."""
     return Question("file", texts.STUDY_FILE, choices=stimuli, is_required=True)
 
 
-def _ask_seed() -> Question:
+def _make_seed_question() -> Question:
     """Ask for the seed of all random choices."""
     return Question("seed", texts.SEED, "--seed", "seed", "1", read=int, is_required=True)
 
 
-def _ask_study(studies: list[str]) -> Question:
+def _make_study_question(studies: list[str]) -> Question:
     """Ask for the folder of the study."""
     return Question("study", texts.STUDY, choices=studies, is_required=True)
 
@@ -171,7 +171,10 @@ class StudyPage:
                 self._show_steps()
 
         form = CommandForm(
-            make_design(self._folder.list_felt_files()), self._folder, self._jobs, show_steps
+            make_design_command(self._folder.list_felt_files()),
+            self._folder,
+            self._jobs,
+            show_steps,
         )
         with design:
             form.build(self._choose_first())
@@ -179,7 +182,7 @@ class StudyPage:
 
     def _show_steps(self) -> None:
         """Show what can be done with the studies of the folder."""
-        studies = self._list(Kind.STUDY)
+        studies = self._list_names(Kind.STUDY)
         if not studies:
             ui.label(texts.NO_STUDY)
             return
@@ -187,20 +190,22 @@ class StudyPage:
         first = self._choose_first()
         answers = f"{first['study']}/answers.csv"
         for command in (
-            make_sheets(studies),
-            make_run(studies, stimuli),
-            make_simulation(studies, stimuli),
+            make_sheets_command(studies),
+            make_run_command(studies, stimuli),
+            make_simulation_command(studies, stimuli),
         ):
             form = CommandForm(command, self._folder, self._jobs)
             form.build(first | {"answers": answers})
-        form = CommandForm(make_analysis(studies), self._folder, self._jobs, self._show_report)
+        form = CommandForm(
+            make_analysis_command(studies), self._folder, self._jobs, self._show_report
+        )
         form.build(first | {"answers": answers})
 
     def _show_report(self, job: Job) -> None:
         """Show the report of an analysis."""
         show_page(self._folder, job.command.page, texts.REPORT_OF.format(title=texts.ANALYSE))
 
-    def _list(self, kind: Kind) -> list[str]:
+    def _list_names(self, kind: Kind) -> list[str]:
         """List the names of the entries of a kind."""
         return self._folder.list_names(kind)
 
@@ -209,7 +214,7 @@ class StudyPage:
         answers = {}
         for name, found in (
             ("file", self._folder.list_felt_files()),
-            ("study", self._list(Kind.STUDY)),
+            ("study", self._list_names(Kind.STUDY)),
         ):
             if found:
                 answers[name] = found[0]

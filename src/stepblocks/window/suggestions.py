@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import PurePosixPath
 
 from stepblocks.window import texts
-from stepblocks.window.command_line import ShownCommand, write_call, write_name
+from stepblocks.window.command_line import ShownCommand, format_call, protect_leading_hyphen
 from stepblocks.window.folder import Entry, Kind
 
 
@@ -24,21 +24,21 @@ def suggest_commands(entry: Entry) -> list[ShownCommand]:
 
 def _suggest_for_stimuli(name: str) -> list[ShownCommand]:
     """Return the commands that predict, build, draw and study the stimuli of a file."""
-    word = write_name(name)
-    predict = ShownCommand(texts.PREDICT, ("predict", word), write_call("predict_set", name))
+    word = protect_leading_hyphen(name)
+    predict = ShownCommand(texts.PREDICT, ("predict", word), format_call("predict_set", name))
     build = ShownCommand(
         texts.BUILD,
         ("build", word, "-o", "out"),
-        write_call("build_sets", [name], "out"),
+        format_call("build_sets", [name], "out"),
         "out/index.html",
     )
     draw = ShownCommand(
-        texts.DRAW, ("workshop", word, "-o", "out"), write_call("order_parts", [name], "out")
+        texts.DRAW, ("workshop", word, "-o", "out"), format_call("order_parts", [name], "out")
     )
     design = ShownCommand(
         texts.DESIGN,
         ("study", "design", word, "--seed", "1", "-o", "study"),
-        write_call("design_study", name, "study", seed=1),
+        format_call("design_study", name, "study", seed=1),
     )
     return [predict, build, draw, design]
 
@@ -48,27 +48,27 @@ def _suggest_for_scan(name: str) -> list[ShownCommand]:
     return [
         ShownCommand(
             texts.LIST_CHANNELS,
-            ("inspect", write_name(name), "--list-channels"),
-            write_call("list_channels", name),
+            ("inspect", protect_leading_hyphen(name), "--list-channels"),
+            format_call("list_channels", name),
         )
     ]
 
 
 def _suggest_for_session(name: str) -> list[ShownCommand]:
     """Return the commands that measure and explain a session."""
-    word = write_name(name)
+    word = protect_leading_hyphen(name)
     base = PurePosixPath(name).name
     features = f"out/{base}-features.csv"
     report = f"out/{base}-loop"
     measure = ShownCommand(
         texts.MEASURE,
         ("measure", word, "-o", features),
-        write_call("measure_session", name, features),
+        format_call("measure_session", name, features),
     )
     explain = ShownCommand(
         texts.LOOP,
         ("loop", word, "-o", report),
-        write_call("loop_session", name, report),
+        format_call("loop_session", name, report),
         f"{report}/report.html",
     )
     return [measure, explain]
@@ -79,8 +79,8 @@ def _suggest_for_study(name: str) -> list[ShownCommand]:
     return [
         ShownCommand(
             texts.SHEETS,
-            ("study", "sheet", write_name(name)),
-            write_call("write_sheets", name),
+            ("study", "sheet", protect_leading_hyphen(name)),
+            format_call("write_sheets", name),
             f"{name}/run-sheets.html",
         )
     ]

@@ -95,7 +95,7 @@ class TargetAxis:
         """Show targets and blocks; targets that a hand has moved stay where they are."""
         if not self.is_held:
             self._choose_ends([*marks.targets, *marks.blocks])
-            self._draw_scale()
+            self._draw_ticks()
         self._show_targets([mark.energy for mark in marks.targets])
         self._describe_targets(marks.targets)
         self._show_blocks(marks.blocks)
@@ -112,7 +112,7 @@ class TargetAxis:
         share = math.log(max(energy, self._low) / self._low) / math.log(self._high / self._low)
         return min(share, 1.0)
 
-    def _draw_scale(self) -> None:
+    def _draw_ticks(self) -> None:
         """Mark round energies."""
         self._scale.clear()
         with self._scale:
@@ -128,7 +128,7 @@ class TargetAxis:
         if len(energies) != len(self._energies):
             self._energies = energies
             self._make_marks()
-        elif not self.is_held and _are_others(energies, self._energies):
+        elif not self.is_held and _differ_as_written(energies, self._energies):
             self._energies = energies
         self._place_marks()
 
@@ -243,6 +243,6 @@ def list_round_energies(low: float, high: float) -> list[float]:
     return found
 
 
-def _are_others(energies: Sequence[float], shown: Sequence[float]) -> bool:
+def _differ_as_written(energies: Sequence[float], shown: Sequence[float]) -> bool:
     """Tell whether energies [J] are others than those shown, as they are written."""
     return Counter(map(format_target, energies)) != Counter(map(format_target, shown))

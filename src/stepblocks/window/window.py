@@ -123,11 +123,11 @@ def make_app(window: Window, port: int, token: str) -> Gate:
         show_welcome_message=False,
         reconnect_timeout=_PATIENCE,
     )
-    framework.on_exception(_say_that_it_failed)
+    framework.on_exception(_show_failure)
     return Gate(site, port, token, window.folder.address)
 
 
-def _say_that_it_failed() -> None:
+def _show_failure() -> None:
     """Say in the window that something went wrong; what it was stands in the terminal."""
     with suppress(RuntimeError):  # of work for a page that was closed, nobody is told
         ui.notify(texts.INTERNAL_ERROR, type="negative")
