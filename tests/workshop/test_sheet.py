@@ -115,7 +115,7 @@ def test_a_frame_holds_sign_zone_and_datum_with_the_number_beside(sheet):
 
 
 def test_an_arrow_points_from_its_tail_to_its_tip(sheet):
-    sheet.point_to((10.0, 0.0), (0.0, 30.0))  # down from the height of the frame
+    sheet.draw_pointer_to_face((10.0, 0.0), (0.0, 30.0))  # down from the height of the frame
     (solid,) = sheet.space.query("SOLID")
     tip, one, other = solid.dxf.vtx0, solid.dxf.vtx1, solid.dxf.vtx2
     assert (tip.x, tip.y) == (10.0, 0.0)

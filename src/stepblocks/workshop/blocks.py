@@ -49,7 +49,7 @@ def draw_step_block_views(sheet: Sheet, block: StepBlock) -> list[str]:
         (x + sizes.half_length + 10.0, y - 17.0),
         "working edge, detail D",
     )
-    first, *further = _list_edge_details(block)
+    first, *further = _list_felt_edge_details(block)
     _draw_step_detail(sheet, first)
     second = block.second_step
     if second is not None:
@@ -75,17 +75,17 @@ def draw_step_block_views(sheet: Sheet, block: StepBlock) -> list[str]:
         number = sheet.listed[feature.depth_key].number
         measured = f"{feature.kind.capitalize()} ({number}): ISO 5436-1 type A1."
         lines.append(f"{measured} {_describe_sharp_edges(block)}")
-        lines.append(_describe_root(relief))
+        lines.append(_describe_inner_corners(relief))
     elif second is not None:
         lines.append(f"{_describe_sharp_edges(block)} {_ROOTS_OF_BOTH_STEPS}")
     else:
         lines.append(_describe_sharp_edges(block))
-        lines.append(_describe_root(relief))
+        lines.append(_describe_inner_corners(relief))
     lines.append("Every part is accepted by ISO 14253-1, Ra by its largest value (ISO 21920-3).")
     return lines
 
 
-def _describe_root(relief: Relief | None) -> str:
+def _describe_inner_corners(relief: Relief | None) -> str:
     """Say what is allowed where riser and lower face, or the relief between them, meet."""
     if relief is None:
         return "Root of the riser: fillet or undercut up to the height of the step is allowed."
@@ -176,7 +176,7 @@ class _EdgeDetail:
         return 2.0 if self.falls else -16.0
 
 
-def _list_edge_details(block: StepBlock) -> list[_EdgeDetail]:
+def _list_felt_edge_details(block: StepBlock) -> list[_EdgeDetail]:
     """List the enlarged views of the edges of a block, that of the working edge first."""
     first_edge, *further = block.list_felt_edges()
     second = block.second_step
@@ -350,10 +350,10 @@ def _draw_face_demands(sheet: Sheet, top: float, face_count: int) -> None:
     x, lower = _DETAIL
     sheet.draw_datum((x - 32.0, lower), "A")
     frame = sheet.draw_tolerance_frame("flatness_lower", (x - 16.0, lower - 20.0))
-    sheet.point_to((x - 21.0, lower), frame)
+    sheet.draw_pointer_to_face((x - 21.0, lower), frame)
     sheet.draw_tolerance_frame("parallelism_base", (x - 16.0, lower - 26.0), "B")
     frame = sheet.draw_tolerance_frame("flatness_upper", (x + 8.0, top + 7.0))
-    sheet.point_to((x + 4.0, top), frame)
+    sheet.draw_pointer_to_face((x + 4.0, top), frame)
     sheet.draw_tolerance_frame("parallelism", (x + 8.0, top + 13.0), "A")
     sheet.draw_texture((x + 46.0, top), "roughness", f" ({face_count} x)")
 
@@ -365,12 +365,12 @@ def _draw_demands_behind(sheet: Sheet, edge: _EdgeDetail, top: float) -> None:
     parallelism = f"{edge.prefix}parallelism"
     if not edge.falls:
         frame = sheet.draw_tolerance_frame(flatness, (x + 8.0, top + 7.0))
-        sheet.point_to((x + 4.0, top), frame)
+        sheet.draw_pointer_to_face((x + 4.0, top), frame)
         sheet.draw_tolerance_frame(parallelism, (x + 8.0, top + 13.0), "A")
         return
     # right of the state of the root
     frame = sheet.draw_tolerance_frame(flatness, (x + 12.0, lower - 20.0))
-    sheet.point_to((x + 8.0, lower), frame)
+    sheet.draw_pointer_to_face((x + 8.0, lower), frame)
     sheet.draw_tolerance_frame(parallelism, (x + 12.0, lower - 26.0), "A")
 
 
@@ -543,10 +543,10 @@ def _draw_margin_demands(sheet: Sheet, detail: _MarginOnPaper, beyond: float) ->
     upper = detail.upper
     sheet.draw_datum((x - 54.0, tooth), "A")
     sheet.draw_tolerance_frame("flatness_lower", (x - 58.0, tooth - 28.0))
-    sheet.point_to((x - 44.0, tooth), (x - 44.0, tooth - 22.0))
+    sheet.draw_pointer_to_face((x - 44.0, tooth), (x - 44.0, tooth - 22.0))
     sheet.draw_tolerance_frame("parallelism_base", (x - 58.0, tooth - 34.0), "B")
     frame = sheet.draw_tolerance_frame("flatness_upper", (beyond + 4.0, upper + 18.0))
-    sheet.point_to((beyond, level), frame)
+    sheet.draw_pointer_to_face((beyond, level), frame)
     sheet.draw_tolerance_frame("parallelism", (beyond + 4.0, upper + 24.0), "A")
     sheet.write_text((x - 58.0, tooth + 3.0), "tooth")
     sheet.write_text((x + 60.0, level - 5.0), "crown")

@@ -57,7 +57,7 @@ def draw_body(sheet: Sheet, body: Body, identity: str) -> BodyOnPaper:
     scale = choose_scale(_VIEW_LENGTH / (MILLIMETRES_PER_METRE * longest))
     sizes = BodyOnPaper.from_body(body, scale)
     _draw_front(sheet, body, sizes, identity)
-    _draw_top(sheet, sizes)
+    _draw_from_above(sheet, sizes)
     if body.mounting is not None:
         draw_holes_from_above(sheet, body, body.mounting, TOP_VIEW, scale)
     return sizes
@@ -94,7 +94,7 @@ def _draw_front(sheet: Sheet, body: Body, sizes: BodyOnPaper, identity: str) -> 
     )
     sheet.draw_datum((right - 14.0, base), "B")
     frame = sheet.draw_tolerance_frame("flatness_base", (right + 6.0, base - 12.0))
-    sheet.point_to((right - 5.0, base), frame)
+    sheet.draw_pointer_to_face((right - 5.0, base), frame)
     caption = f"front {format_scale(sizes.scale)}"
     sheet.write_text((right - 19.0, base - 10.0), caption, alignment=Alignment.BOTTOM_RIGHT)
 
@@ -140,7 +140,7 @@ def _describe_letters_place(sheet: Sheet, engraving: Engraving) -> str:
     return f"middle {', '.join(parts)} that of the front"
 
 
-def _draw_top(sheet: Sheet, sizes: BodyOnPaper) -> None:
+def _draw_from_above(sheet: Sheet, sizes: BodyOnPaper) -> None:
     """Draw the view from above with length, width and the place of the edge."""
     x, y = TOP_VIEW
     edge_break = sizes.edge_break

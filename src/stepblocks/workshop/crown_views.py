@@ -55,7 +55,7 @@ def draw_crown_views(sheet: Sheet, crown: CrownOnTooth) -> list[str]:
     sheet.draw_leader((margin_x, margin_y), (margin_x + 14.0, margin_y - 8.0), "margin, detail D")
     caption = f"section {format_scale(scale)}, seated"
     sheet.write_text((x, base - 22.0), caption, alignment=Alignment.BOTTOM_CENTER)
-    _draw_margin(sheet, crown, (tooth_section, crown_section))
+    _draw_margin_detail(sheet, crown, (tooth_section, crown_section))
     return ["Marginal gap, internal gap and discrepancies hold with the crown seated on its tooth."]
 
 
@@ -112,7 +112,7 @@ def _draw_crown_dimensions(sheet: Sheet, crown: CrownOnTooth, view: View, roof: 
             sheet.draw_dimension(key, span.start, span.end, through, view.scale, upright=True)
 
 
-def _draw_margin(sheet: Sheet, crown: CrownOnTooth, sections: Iterable[list[Point]]) -> None:
+def _draw_margin_detail(sheet: Sheet, crown: CrownOnTooth, sections: Iterable[list[Point]]) -> None:
     """Draw the margin enlarged, with the distance from the tooth to the margin of the crown."""
     x, y = _MARGIN_VIEW
     discrepancy = crown.horizontal_discrepancy.nominal

@@ -65,8 +65,8 @@ def draw_gauge_assembly_views(
     _draw_step_detail(sheet, block)
     _tabulate_parts(sheet, base, pair)
     _tabulate_grades(sheet, block, pair)
-    _tabulate_reach(sheet, judged)
-    sheet.write_notes(_NOTES, [Note(line) for line in _list_notes(pair)])
+    _tabulate_reached_characteristics(sheet, judged)
+    sheet.write_notes(_NOTES, [Note(line) for line in _list_assembly_notes(pair)])
 
 
 def _draw_section(sheet: Sheet, base: Body, pair: GaugePair) -> None:
@@ -216,7 +216,7 @@ def _format_gauge_length(length: float) -> str:
     return use_decimal_comma(format_millimetres(length, 4))
 
 
-def _tabulate_reach(sheet: Sheet, judged: Iterable[JudgedCharacteristic]) -> None:
+def _tabulate_reached_characteristics(sheet: Sheet, judged: Iterable[JudgedCharacteristic]) -> None:
     """Draw the table of the characteristics that the assembly has, by what decides."""
     numbers: dict[Contribution, list[int]] = {}
     for item in judged:
@@ -246,7 +246,7 @@ def format_numbers(numbers: Iterable[int]) -> str:
     return ", ".join(texts)
 
 
-def _list_notes(pair: GaugePair) -> list[str]:
+def _list_assembly_notes(pair: GaugePair) -> list[str]:
     """List the step that results, and how the parts are prepared, wrung and held."""
     lengths = f"{_format_gauge_length(pair.upper)} - {_format_gauge_length(pair.lower)}"
     height = _format_gauge_length(pair.upper - pair.lower)

@@ -64,7 +64,7 @@ def write_kit(folder: Path, kit: Apparatus, order: OrderSpec) -> list[Path]:
     MachiningError
         If two components share volume somewhere on the travel; nothing is written then.
     """
-    _require_room(kit)
+    _refuse_interferences(kit)
     assembly = folder / f"{kit.id}.assembly.step"
     write_kit_assembly(assembly, kit, order)
     written = [assembly, *write_assembly_drawing(folder, kit, order)]
@@ -84,7 +84,7 @@ def write_kit(folder: Path, kit: Apparatus, order: OrderSpec) -> list[Path]:
     return written
 
 
-def _require_room(kit: Apparatus) -> None:
+def _refuse_interferences(kit: Apparatus) -> None:
     """Refuse a kit of which components are in each other's way."""
     found = find_interferences(list_components(kit), kit.travel.nominal)
     if not found:

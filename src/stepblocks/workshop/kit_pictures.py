@@ -76,7 +76,7 @@ def _draw_stage(path: Path, stages: Sequence[Stage], first_item: int) -> None:
     """Draw the last of several stages on the others; its items count from a number."""
     figure, axes = make_figure(width=_SIZE, height=0.75 * _SIZE)
     for solid in _order_from_far(_list_solids(stages)):
-        _paint(axes, solid)
+        _paint_faces(axes, solid)
     places: list[tuple[float, float]] = []
     for item, component in enumerate(stages[-1].components, start=first_item):
         place = _find_free_place(component.bounding_box.centre, places)
@@ -111,7 +111,7 @@ def _list_uncovered(rod: Cylinder, boxes: Sequence[Box]) -> list[Cylinder]:
     ends = [(rod.start[rod.along], rod.end[rod.along])]
     for box in boxes:
         if _surrounds(box, rod):
-            ends = _cut_out(ends, (box.low[rod.along], box.high[rod.along]))
+            ends = _cut_gap_out(ends, (box.low[rod.along], box.high[rod.along]))
     pieces = []
     for start, end in ends:
         coordinates = list(rod.start)
@@ -130,7 +130,7 @@ def _surrounds(box: Box, rod: Cylinder) -> bool:
     return True
 
 
-def _cut_out(
+def _cut_gap_out(
     intervals: Sequence[tuple[float, float]], gap: tuple[float, float]
 ) -> list[tuple[float, float]]:
     """Cut an interval out of others [m]."""
@@ -144,7 +144,7 @@ def _cut_out(
     return left
 
 
-def _project(points: NDArray[np.float64]) -> NDArray[np.float64]:
+def _project_on_picture(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Project points, shape (n, 3), on the picture, shape (n, 2) [m]."""
     to_eye = np.array(_TO_EYE) / math.hypot(*_TO_EYE)
     right = np.cross([0.0, 0.0, 1.0], to_eye)
@@ -163,7 +163,7 @@ def _list_box_faces(box: Box) -> list[_Face]:
         for a, b in ((box.low, box.low), (box.high, box.low), (box.high, box.high)):
             corners.append(_make_corner(axis, seen, first, a, second, b))
         corners.append(_make_corner(axis, seen, first, box.low, second, box.high))
-        faces.append(_Face(_project(np.array(corners)), _SHADES[axis]))
+        faces.append(_Face(_project_on_picture(np.array(corners)), _SHADES[axis]))
     return faces
 
 
@@ -185,8 +185,8 @@ def _list_rod_faces(rod: Cylinder) -> list[_Face]:
     circle = np.zeros((_SIDES, 3))
     circle[:, first] = 0.5 * rod.diameter * np.cos(angles)
     circle[:, second] = 0.5 * rod.diameter * np.sin(angles)
-    start = _project(circle + np.array(rod.start))
-    end = _project(circle + np.array(rod.end))
+    start = _project_on_picture(circle + np.array(rod.start))
+    end = _project_on_picture(circle + np.array(rod.end))
     seen = end if _TO_EYE[rod.along] > 0.0 else start
     silhouette = _find_hull(np.concatenate([start, end]))
     return [_Face(silhouette, _SHADES[1]), _Face(seen, _SHADES[rod.along])]
@@ -231,8 +231,8 @@ def _is_nearer(box: Box, behind: Box) -> bool:
 
 def _overlap_on_picture(box: Box, behind: Box) -> bool:
     """Tell whether the rectangles around two boxes on the picture overlap."""
-    first = _project(np.array(_list_corners(box)))
-    second = _project(np.array(_list_corners(behind)))
+    first = _project_on_picture(np.array(_list_corners(box)))
+    second = _project_on_picture(np.array(_list_corners(behind)))
     low = np.maximum(first.min(axis=0), second.min(axis=0))
     high = np.minimum(first.max(axis=0), second.max(axis=0))
     return bool((high > low).all())
@@ -253,7 +253,7 @@ def _measure_nearness(box: Box) -> float:
     return math.fsum(a * b for a, b in zip(box.centre, _TO_EYE, strict=True))
 
 
-def _paint(axes: Axes, solid: _Painted) -> None:
+def _paint_faces(axes: Axes, solid: _Painted) -> None:
     """Paint the faces of a solid with their edges."""
     for face in solid.faces:
         colour = tuple(face.shade * share for share in solid.colour)
@@ -263,7 +263,7 @@ def _paint(axes: Axes, solid: _Painted) -> None:
 
 def _find_free_place(centre: Point3, taken: Sequence[tuple[float, float]]) -> tuple[float, float]:
     """Find a place for the number of an item at its centre, or under the numbers that are there."""
-    ((x, y),) = _project(np.array([centre])).tolist()
+    ((x, y),) = _project_on_picture(np.array([centre])).tolist()
     while any(math.dist((x, y), place) < _NUMBER_ROOM for place in taken):
         y -= _NUMBER_ROOM
     return x, y

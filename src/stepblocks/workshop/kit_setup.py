@@ -50,7 +50,7 @@ class Side(Enum):
             return False
         end = bore.end[axis] if way > 0 else bore.start[axis]
         beyond = end + way * 10.0 * _SAME
-        return not any(_holds(box, bore, beyond) for box in component.boxes)
+        return not any(_holds_axis_at(box, bore, beyond) for box in component.boxes)
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class SetupLine:
     work: Sequence[str]
 
 
-def _holds(box: Box, bore: Cylinder, place: float) -> bool:
+def _holds_axis_at(box: Box, bore: Cylinder, place: float) -> bool:
     """Tell whether a box has the axis of a bore in it at a place along the axis [m]."""
     point = list(bore.start)
     point[bore.along] = place

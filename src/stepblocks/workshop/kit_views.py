@@ -107,7 +107,7 @@ def draw_kit_part_views(sheet: Sheet, part: KitPart) -> list[str]:
     for view in views:
         _draw_component(sheet, view, component)
         _label_cylinders(sheet, view, component)
-        _caption(sheet, view)
+        _write_caption(sheet, view)
     _draw_overall_dimensions(sheet, views)
     notes = ["Break all edges by 0,3 mm; no burr."]
     if component.bores:
@@ -133,7 +133,7 @@ def draw_assembly_views(paper: Paper, components: Sequence[Component]) -> None:
     for view in views:
         for component in components:
             _draw_uncovered(paper, view, component, boxes)
-        _caption(paper, view)
+        _write_caption(paper, view)
     _number_components(paper, views[0], components)
     rows = [("item", "name", "material, or what it is ordered by")]
     for number, component in enumerate(components, start=1):
@@ -287,7 +287,7 @@ def _list_half_circle(view: _PlacedView, cylinder: Cylinder) -> list[Point]:
 
 def _label_cylinders(sheet: Sheet, view: _PlacedView, component: Component) -> None:
     """Write the number of each rod and bore where the view looks along it, on no line."""
-    lines = _list_lines(view, component)
+    lines = _collect_drawn_lines(view, component)
     for text, cylinder in _list_labelled(component):
         if cylinder.along != view.direction.out:
             continue
@@ -296,7 +296,7 @@ def _label_cylinders(sheet: Sheet, view: _PlacedView, component: Component) -> N
         sheet.write_text(place, text, _LABEL_HEIGHT, Alignment.MIDDLE_CENTER)
 
 
-def _list_lines(view: _PlacedView, component: Component) -> DrawnLines:
+def _collect_drawn_lines(view: _PlacedView, component: Component) -> DrawnLines:
     """List what a view shows of a component; its texts stand over and right of its lower left."""
     outline = _trace_box(view, view.extent)
     low_x, low_y = outline.low
@@ -304,7 +304,7 @@ def _list_lines(view: _PlacedView, component: Component) -> DrawnLines:
     margin = _LABEL_MARGIN
     area = Rectangle((low_x - 1.0, low_y - 1.0), (high_x + margin, high_y + margin))
     left, lower = _find_caption_place(view)
-    width = compute_text_width(_word_caption(view), _CAPTION_HEIGHT)
+    width = compute_text_width(_format_caption(view), _CAPTION_HEIGHT)
     caption = Rectangle((left, lower), (left + width, lower + _CAPTION_HEIGHT))
     lines = DrawnLines(area, texts=[caption])
     lines.outlines = [_trace_box(view, box) for box in component.boxes]
@@ -340,9 +340,9 @@ def _list_labelled(component: Component) -> Iterator[tuple[str, Cylinder]]:
         yield f"B{number}", bore
 
 
-def _caption(paper: Paper, view: _PlacedView) -> None:
+def _write_caption(paper: Paper, view: _PlacedView) -> None:
     """Write name and scale of a view over it."""
-    paper.write_text(_find_caption_place(view), _word_caption(view), _CAPTION_HEIGHT)
+    paper.write_text(_find_caption_place(view), _format_caption(view), _CAPTION_HEIGHT)
 
 
 def _find_caption_place(view: _PlacedView) -> Point:
@@ -353,7 +353,7 @@ def _find_caption_place(view: _PlacedView) -> Point:
     return left, upper + _CAPTION_OFFSET
 
 
-def _word_caption(view: _PlacedView) -> str:
+def _format_caption(view: _PlacedView) -> str:
     """Word the caption of a view."""
     return f"{view.direction.name} {format_scale(view.scale)}"
 

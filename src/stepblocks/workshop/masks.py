@@ -122,7 +122,7 @@ def write_masks(path: Path, blocks: Sequence[StepBlock]) -> list[Path]:
         marks = _outline_marks(layer, len(etches), name)
         shapes = shapely.set_precision(shapely.unary_union([*openings, *marks]), GRID)
         for polygon in getattr(shapes, "geoms", [shapes]):
-            cell.add(*_draw_polygon(polygon, layer))
+            cell.add(*_convert_polygon(polygon, layer))
         cell.add(gdstk.Label(name, (-2000.0, -_LAYER_PITCH * layer), layer=layer))
         for index in etch.indices:
             cell.add(gdstk.Label(blocks[index].id.upper(), places[index], layer=layer))
@@ -166,7 +166,7 @@ def _place_blocks(blocks: Sequence[StepBlock]) -> list[Place]:
     return places
 
 
-def _draw_polygon(polygon: Shape, layer: int) -> list[Any]:
+def _convert_polygon(polygon: Shape, layer: int) -> list[Any]:
     """Turn a polygon into polygons of GDSII, which have no holes."""
     gdstk = load_gdstk()
     outer = gdstk.Polygon(polygon.exterior.coords[:-1], layer)
@@ -183,18 +183,18 @@ def find_rule_faults(shapes: Shape) -> Iterator[str]:
     They vanish when the shape is shrunk and grown again, or grown and shrunk.
     """
     half = 0.5 * LEAST_WIDTH - GRID
-    opened = _grow(_grow(shapes, -half), half)
-    closed = _grow(_grow(shapes, half), -half)
-    yield from _describe_lost("open", shapely.difference(shapes, opened))
-    yield from _describe_lost("kept", shapely.difference(closed, shapes))
+    opened = _offset_shapes(_offset_shapes(shapes, -half), half)
+    closed = _offset_shapes(_offset_shapes(shapes, half), -half)
+    yield from _describe_narrow_places("open", shapely.difference(shapes, opened))
+    yield from _describe_narrow_places("kept", shapely.difference(closed, shapes))
 
 
-def _grow(shapes: Shape, distance: float) -> Shape:
+def _offset_shapes(shapes: Shape, distance: float) -> Shape:
     """Grow shapes to all sides, or shrink them, with their corners kept."""
     return shapely.buffer(shapes, distance, join_style="mitre", mitre_limit=50.0)
 
 
-def _describe_lost(name: str, lost: Shape) -> Iterator[str]:
+def _describe_narrow_places(name: str, lost: Shape) -> Iterator[str]:
     """Describe each place that is too narrow."""
     for part in getattr(lost, "geoms", [lost]):
         if part.area > _LEAST_LOST_AREA:

@@ -52,7 +52,7 @@ def write_sheet(
                     _save_dxf(paper, draft)
                 else:
                     random.seed(_HATCH_SEED)
-                    _render(paper, draft)
+                    _save_picture(paper, draft)
     return paths
 
 
@@ -76,7 +76,7 @@ def _pin_ezdxf() -> Iterator[None]:
     fixed_metadata = ezdxf.options.write_fixed_meta_data_for_testing
     font_manager = fonts.font_manager
     glyph_caches = fonts.TrueTypeFont._glyph_caches
-    pinned_manager, pinned_caches = _load_fonts()
+    pinned_manager, pinned_caches = _load_shipped_fonts()
     ezdxf.options.write_fixed_meta_data_for_testing = True
     fonts.font_manager = pinned_manager
     fonts.TrueTypeFont._glyph_caches = pinned_caches
@@ -90,7 +90,7 @@ def _pin_ezdxf() -> Iterator[None]:
 
 
 @cache
-def _load_fonts() -> tuple[object, dict[str, object]]:
+def _load_shipped_fonts() -> tuple[object, dict[str, object]]:
     """Return ezdxf's manager of the fonts that matplotlib ships, and a cache of glyphs for it."""
     from ezdxf.fonts.font_manager import FontManager
 
@@ -103,7 +103,7 @@ def _find_font_folder() -> Path:
     return Path(mpl.get_data_path()) / "fonts" / "ttf"
 
 
-def _render(paper: Paper, path: Path) -> None:
+def _save_picture(paper: Paper, path: Path) -> None:
     """Draw with matplotlib what the DXF holds, and save it as SVG or PDF by its suffix."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

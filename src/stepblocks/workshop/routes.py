@@ -194,7 +194,7 @@ def _make_route(block: StepBlock, variant: _Variant, point: OperatingPoint) -> R
         felt=estimate_interval(step, point, felt_std),
         conforming=_compute_conforming_share(block, variant),
         missed=tuple(_list_missed(block, variant)),
-        unknown=tuple(_list_unknown(block)),
+        unknown=tuple(_list_demands_without_figures(block)),
     )
 
 
@@ -255,7 +255,7 @@ def _find_deviation(process: Process, height: float, variant: _Variant) -> float
     return process.height.value + process.share.value * height
 
 
-def _list_unknown(block: StepBlock) -> Iterator[str]:
+def _list_demands_without_figures(block: StepBlock) -> Iterator[str]:
     """List what is asked of the step and its faces, and of which no route has figures."""
     if block.material.family is None:
         yield "material"

@@ -34,7 +34,7 @@ from stepblocks.workshop.setup_limits import (
     Allowances,
     LeftDimension,
     compute_allowances,
-    find_lapped,
+    find_lapping_removal,
     list_left_dimensions,
 )
 
@@ -112,14 +112,14 @@ def write_setup(
         The sheet as HTML and the stock as STEP.
     """
     page = folder / f"{block.id}.setup.html"
-    replace_text(page, _render_sheet(block, routes, pair))
+    replace_text(page, _render_setup_sheet(block, routes, pair))
     stock = folder / f"{block.id}.stock.step"
     name = f"{block.id}-stock"
     write_conforming(stock, name, [(name, build_stock(block))], block.material, [])
     return [page, stock]
 
 
-def _render_sheet(block: Block, routes: Sequence[Route], pair: GaugePair | None) -> str:
+def _render_setup_sheet(block: Block, routes: Sequence[Route], pair: GaugePair | None) -> str:
     """Render the setup sheet as HTML."""
     stock_sizes = _measure_stock(block)
     allowances = compute_allowances(block)
@@ -158,7 +158,7 @@ def _render_sheet(block: Block, routes: Sequence[Route], pair: GaugePair | None)
         letters_middle=format_millimetres(letters.middle, 3),
         letters=letters.text,
         letters_place=letters.place,
-        lapped=format_millimetres(find_lapped(block).high, 3),
+        lapped=format_millimetres(find_lapping_removal(block).high, 3),
         probe=f"{PROBE * 1e6:g} um",
         guard=GUARD_FACTOR,
         has_gap=isinstance(block, MarginBlock),

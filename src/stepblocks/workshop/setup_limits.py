@@ -64,7 +64,7 @@ class Band:
         """Return all sums with the values of a band."""
         return Band(self.low + band.low, self.high + band.high)
 
-    def narrowed(self, half_width: float) -> "Band":
+    def narrow(self, half_width: float) -> "Band":
         """Return the band about the same middle, no wider than a half-width to either side."""
         return Band.around(self.middle, min(self.half_width, half_width))
 
@@ -144,8 +144,8 @@ def list_left_dimensions(block: Block) -> list[LeftDimension]:
         as ground, and the legs of edge breaks on faces that are still to be lapped.
     """
     allowances = compute_allowances(block)
-    lapped = find_lapped(block)
-    ground = _find_ground_off_base(block, allowances)
+    lapped = find_lapping_removal(block)
+    ground = _find_base_grinding_removal(block, allowances)
     thickness = _find_thickness(block)
     mounting = block.body.mounting
     lines: list[LeftDimension] = []
@@ -193,10 +193,10 @@ def _find_thickness(block: Block) -> Band:
     mounting = block.body.mounting
     if mounting is None or mounting.kind != "clearance":
         return limits
-    return limits.narrowed(_THICKNESS_SHARE * Band.from_dimension(mounting.depth).half_width)
+    return limits.narrow(_THICKNESS_SHARE * Band.from_dimension(mounting.depth).half_width)
 
 
-def find_lapped(block: Block) -> Band:
+def find_lapping_removal(block: Block) -> Band:
     """Find what lapping may take off the higher working face [m].
 
     It may take a quarter of the tolerance of the thickness, and half of that of the edge breaks
@@ -208,7 +208,7 @@ def find_lapped(block: Block) -> Band:
     return Band(0.0, max(most, _LEAST_LAPPED))
 
 
-def _find_ground_off_base(block: Block, allowances: Allowances) -> Band:
+def _find_base_grinding_removal(block: Block, allowances: Allowances) -> Band:
     """Find what may be ground off the base [m]: a share of the tolerance of the holes in it."""
     spread = _MOST_GROUND_SPREAD
     mounting = block.body.mounting

@@ -403,7 +403,7 @@ class Sheet(Paper):
             return format_largest(zone)
         return use_decimal_comma(format_zone(zone))
 
-    def point_to(self, face: Point, start: Point) -> None:
+    def draw_pointer_to_face(self, face: Point, start: Point) -> None:
         """Lead from the left side of a frame straight to a face."""
         self.draw_pointer(start, (face[0], start[1]), face)
 

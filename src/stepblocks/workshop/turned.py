@@ -88,8 +88,8 @@ def draw_straight_tip_views(sheet: Sheet, tip: StraightTip) -> list[str]:
     datum_x, upper = view.place(0.75 * end, shank)
     sheet.draw_datum_above((datum_x, upper), "A")
     _caption_side_view(sheet, view, -shank)
-    _draw_ball(sheet, tip)
-    _draw_runout(sheet, tip)
+    _draw_ball_detail(sheet, tip)
+    _draw_runout_frame(sheet, tip)
     return _describe_shank(sheet, tip)
 
 
@@ -104,7 +104,7 @@ def draw_hook_tip_views(sheet: Sheet, tip: HookTip) -> list[str]:
     _, heights = zip(*inner, *outer, strict=True)
     lowest = min(-wire, *heights)
     _caption_side_view(sheet, view, lowest)
-    _draw_ball(sheet, tip)
+    _draw_ball_detail(sheet, tip)
     return []
 
 
@@ -186,7 +186,7 @@ def _caption_side_view(sheet: Sheet, view: View, lowest: float) -> None:
     sheet.write_text((origin_x, lower - 26.0), f"side {format_scale(view.scale)}")
 
 
-def _draw_ball(sheet: Sheet, tip: Tip) -> None:
+def _draw_ball_detail(sheet: Sheet, tip: Tip) -> None:
     """Draw the ball with the start of its cone, enlarged."""
     x, y = _BALL_VIEW
     ball = tip.ball_radius.nominal
@@ -217,13 +217,13 @@ def _draw_ball(sheet: Sheet, tip: Tip) -> None:
     sheet.write_text((x - 34.0, y - 50.0), caption, alignment=Alignment.BOTTOM_RIGHT)
 
 
-def _draw_runout(sheet: Sheet, tip: StraightTip) -> None:
+def _draw_runout_frame(sheet: Sheet, tip: StraightTip) -> None:
     """Draw the frame of the run-out below the enlarged ball, its arrow on the side of the ball."""
     x, y = _BALL_VIEW
     ball = tip.ball_radius.nominal * MILLIMETRES_PER_METRE
     ball_on_paper = ball * choose_scale(_BALL_RADIUS / ball)
     frame = sheet.draw_tolerance_frame("runout", (x - 12.0, y - 54.0), "A")
-    sheet.point_to((x - 40.0 + ball_on_paper, y - ball_on_paper), frame)
+    sheet.draw_pointer_to_face((x - 40.0 + ball_on_paper, y - ball_on_paper), frame)
 
 
 def draw_sheath_views(sheet: Sheet, sheath: Sheath) -> list[str]:
