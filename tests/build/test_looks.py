@@ -84,7 +84,7 @@ def blocks(request):
 
 
 def test_the_curves_are_equations_1_and_2_of_the_paper(blocks):
-    figure = json.loads(compute_curves(blocks).as_json())
+    figure = json.loads(compute_curves(blocks).to_json())
     grid = blocks.prediction
     radius, load, stiffness = grid.tip_radii[0], max(grid.normal_loads), grid.tool.stiffness
     by_name = {one["name"]: dict(zip("xy", one["curve"], strict=True)) for one in figure["curves"]}
@@ -106,7 +106,7 @@ def test_the_curves_are_equations_1_and_2_of_the_paper(blocks):
 
 
 def test_no_curve_or_mark_goes_on_where_the_tip_locks(blocks):
-    figure = json.loads(compute_curves(blocks).as_json())
+    figure = json.loads(compute_curves(blocks).to_json())
     radius = blocks.prediction.tip_radii[0]
     locking = [radius * (1.0 - math.sin(math.atan(mu))) * 1e6 for mu in blocks.prediction.frictions]
     for one, limit in zip(figure["curves"][1:], locking, strict=True):

@@ -63,7 +63,7 @@ def test_energies_are_those_of_equation_one_unless_the_drag_in_time_says_otherwi
     stimuli = load_set(Path(FOUR))
     place = {"ball_radius": 150e-6, "normal_load": 1.0, "friction": 0.1}
     load, point = 1.0, choose_blocks(FOUR, place).point
-    (found,) = choose_blocks(FOUR, place, "*-025").energies().values()
+    (found,) = choose_blocks(FOUR, place, "*-025").predict_energies().values()
     # a = arccos(1 - H/(R + r)), F = N tan(a + atan mu), E = C F^2 / 2k with the k and C_v of the
     # paper
     force = load * math.tan(math.acos(1.0 - 25e-6 / 150e-6) + math.atan(0.1))
@@ -72,7 +72,7 @@ def test_energies_are_those_of_equation_one_unless_the_drag_in_time_says_otherwi
     # speaks for all
     asked = [predict_drag(block.counterface(), point) for block in stimuli.step_block]
     assert [one.differs for one in asked] == [False, True, True, True]
-    assert list(choose_blocks(FOUR, place).energies().values()) == [
+    assert list(choose_blocks(FOUR, place).predict_energies().values()) == [
         one.in_time.energy for one in asked
     ]
 
@@ -96,7 +96,7 @@ def test_what_is_left_out_is_the_first_of_the_file_under_which_every_block_rings
 
 def test_a_block_that_holds_the_probe_cannot_be_felt():
     with pytest.raises(PipelineError, match=r"apparatus-100 is locked at friction 0\.3"):
-        choose_blocks(FOUR, {"ball_radius": 125e-6, "friction": 0.3}, "*-100").energies()
+        choose_blocks(FOUR, {"ball_radius": 125e-6, "friction": 0.3}, "*-100").predict_energies()
 
 
 def test_a_study_is_analysed_in_memory_or_into_a_folder(folder, tmp_path):

@@ -50,7 +50,7 @@ class Curves:
     locking: list[float | None]
     highest: float
 
-    def as_json(self) -> str:
+    def to_json(self) -> str:
         """Write it as the page's script reads it."""
         return json.dumps(asdict(self), allow_nan=False)
 

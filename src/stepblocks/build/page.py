@@ -189,7 +189,7 @@ def _collect_section(section: Section, links: Mapping[str, Sequence[Link]]) -> _
         title=stimuli.title,
         source=stimuli.source,
         rows=rows,
-        figure=None if curves is None else curves.as_json(),
+        figure=None if curves is None else curves.to_json(),
         files=section.files,
     )
 

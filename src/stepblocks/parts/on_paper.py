@@ -84,9 +84,9 @@ def format_limits(nominal: float, lower: float, upper: float, quantity: str = "l
     return f"{value} {_format_deviation(upper, decimals)}/{_format_deviation(lower, decimals)}"
 
 
-def _format_degrees(angle: float) -> str:
+def _format_degrees(radians: float) -> str:
     """Write an angle [rad] in degrees."""
-    return f"{math.degrees(angle):.6g}°"
+    return f"{math.degrees(radians):.6g}°"
 
 
 def _format_deviation(deviation: float, decimals: int) -> str:

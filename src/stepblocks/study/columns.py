@@ -78,7 +78,7 @@ class NamedColumns:
 
     named: Mapping[str, str]
 
-    def find(self, ours: str) -> str:
+    def find_stated_name(self, ours: str) -> str:
         """Return the name that the table has for one of our columns; empty where none is stated.
 
         A length may stand in any unit.
@@ -89,20 +89,20 @@ class NamedColumns:
                 return self.named[name]
         return ""
 
-    def name(self, ours: str) -> str:
+    def get_table_name(self, ours: str) -> str:
         """Return what one of our columns is called in their tables."""
-        return self.find(ours) or ours
+        return self.find_stated_name(ours) or ours
 
-    def read(self, row: Row, ours: str) -> str | None:
+    def read_cell(self, row: Row, ours: str) -> str | None:
         """Return the cell of one of our columns, lengths in micrometres; None without one.
 
         What is no number stays as it is.
         """
         if not ours.endswith("_um"):
-            return row.get(self.name(ours))
+            return row.get(self.get_table_name(ours))
         stem = ours.removesuffix("_um")
         for unit in self._list_units(stem):
-            text = row.get(self.name(f"{stem}_{unit}"))
+            text = row.get(self.get_table_name(f"{stem}_{unit}"))
             if text is None:
                 continue
             number = read_number_or_nan(text)

@@ -500,7 +500,7 @@ def study_power(
     """
     check_seed(seed)
     blocks = choose_blocks(source, felt, only)
-    energies = blocks.energies()
+    energies = blocks.predict_energies()
     kind = _resolve_experiment(experiment)
     vibration: tuple[str, ...] = ()
     if kind == "virtual":

@@ -383,7 +383,7 @@ def simulate_study(
     refuse_unused_options(experiment, noise=noise)
     blocks = find_designed_blocks(design, source, felt)
     answers = simulate_answers(
-        design, blocks.energies(), damping or {}, observer, seed, noise or {}
+        design, blocks.predict_energies(), damping or {}, observer, seed, noise or {}
     )
     if EXPERIMENTS[experiment].adaptive:
         answers = list(order_answers_adaptively(design, answers, read_prior(Path(folder))))

@@ -70,7 +70,7 @@ class JobNotes:
         self._held: list[Path] = []
         self._place: Path | None = None
 
-    def find(self) -> list[tuple[JobRecord, Path]]:
+    def find_killed_jobs(self) -> list[tuple[JobRecord, Path]]:
         """Find the notes of windows on the folder that were killed, in the order of their jobs.
 
         Returns

@@ -246,7 +246,7 @@ class JobList:
 
     def find_again(self) -> None:
         """Find the jobs of windows on this folder that were killed; those that run go on."""
-        for record, output in self._notes.find():
+        for record, output in self._notes.find_killed_jobs():
             process = FoundProcess(record, _name_steps(output))
             self._jobs.append(Job(self._next_number, record.command, output, process))
 

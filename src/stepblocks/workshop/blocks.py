@@ -58,7 +58,7 @@ def draw_step_block_views(sheet: Sheet, block: StepBlock) -> list[str]:
             _draw_step_detail(sheet, edge)
     relief = block.relief
     if relief is not None:
-        relief_x = x - sizes.measure(relief.width.nominal)
+        relief_x = x - sizes.scale_length(relief.width.nominal)
         sheet.draw_line((relief_x, y - half_width), (relief_x, y + half_width))
         _draw_relief_detail(sheet, relief)
     step = "Step (1)"
@@ -97,7 +97,7 @@ def draw_margin_block_views(sheet: Sheet, margin: MarginBlock) -> list[str]:
     sizes = draw_body(sheet, margin.body, margin.id)
     x, y = TOP_VIEW
     half_width = sizes.half_width
-    crown_x = x + sizes.measure(margin.marginal_gap.nominal)
+    crown_x = x + sizes.scale_length(margin.marginal_gap.nominal)
     for line_x in (x, crown_x):
         sheet.draw_line((line_x, y - half_width), (line_x, y + half_width))
     sheet.draw_leader(
@@ -126,9 +126,9 @@ def _draw_feature(sheet: Sheet, feature: MetrologyFeature, sizes: BodyOnPaper) -
     x, y = TOP_VIEW
     upper = y + sizes.half_width
     side = 1.0 if feature.kind == "groove" else -1.0
-    near = side * sizes.measure(feature.distance.nominal)
-    far = near + side * sizes.measure(feature.width.nominal)
-    low = sizes.half_width - sizes.measure(feature.lane.nominal)
+    near = side * sizes.scale_length(feature.distance.nominal)
+    far = near + side * sizes.scale_length(feature.width.nominal)
+    low = sizes.half_width - sizes.scale_length(feature.lane.nominal)
     sheet.draw_rectangle((x + near, y + low), (x + far, upper))
     distance_key = f"{feature.kind}_distance"
     if distance_key in sheet.listed:
@@ -195,7 +195,7 @@ def _draw_second_edge(sheet: Sheet, second: SecondStep, sizes: BodyOnPaper) -> N
     """Draw the second edge in the view from above, with its distance from the first."""
     x, y = TOP_VIEW
     upper = y + sizes.half_width
-    edge_x = x + sizes.measure(second.distance.nominal)
+    edge_x = x + sizes.scale_length(second.distance.nominal)
     sheet.draw_line((edge_x, y - sizes.half_width), (edge_x, upper))
     if "second_step_distance" in sheet.listed:
         sheet.draw_dimension(

@@ -45,7 +45,7 @@ class BodyOnPaper:
             body.edge_break.nominal * magnification,
         )
 
-    def measure(self, length: float) -> float:
+    def scale_length(self, length: float) -> float:
         """Return a length of the body [m] on the paper."""
         return length * (MILLIMETRES_PER_METRE * self.scale)
 
@@ -83,7 +83,7 @@ def _draw_front(sheet: Sheet, body: Body, sizes: BodyOnPaper, identity: str) -> 
         upright=True,
     )
     if body.engraving is not None:
-        along, up = (sizes.measure(offset) for offset in body.engraving.offset)
+        along, up = (sizes.scale_length(offset) for offset in body.engraving.offset)
         letters_middle = (x + along, upper - 0.5 * sizes.thickness + up)
         _draw_letters(sheet, body.engraving, identity, letters_middle, (right, upper), sizes)
     sheet.lead_to_characteristic(
@@ -109,7 +109,7 @@ def _draw_letters(
 ) -> None:
     """Draw the engraved text about a point, and lead its sizes past a corner of the front."""
     text = engraving.choose_text(identity)
-    letter_height = max(sizes.measure(0.8 * engraving.height.nominal), _SMALLEST_LETTERS)
+    letter_height = max(sizes.scale_length(0.8 * engraving.height.nominal), _SMALLEST_LETTERS)
     sheet.write_text(middle, text, letter_height, Alignment.MIDDLE_CENTER)
     x, y = middle
     end = (x + 0.5 * compute_text_width(text, letter_height) + 1.5, y)

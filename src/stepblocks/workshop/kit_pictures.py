@@ -108,14 +108,14 @@ def _list_solids(stages: Sequence[Stage]) -> list[_Painted]:
 
 def _list_uncovered(rod: Cylinder, boxes: Sequence[Box]) -> list[Cylinder]:
     """List the pieces of a rod outside of boxes that it goes through or stands in."""
-    ends = [(rod.start[rod.along], rod.end[rod.along])]
+    ends = [(rod.start[rod.axis_index], rod.end[rod.axis_index])]
     for box in boxes:
         if _surrounds(box, rod):
-            ends = _cut_gap_out(ends, (box.low[rod.along], box.high[rod.along]))
+            ends = _cut_gap_out(ends, (box.low[rod.axis_index], box.high[rod.axis_index]))
     pieces = []
     for start, end in ends:
         coordinates = list(rod.start)
-        coordinates[rod.along] = start
+        coordinates[rod.axis_index] = start
         x, y, z = coordinates
         pieces.append(replace(rod, start=(x, y, z), length=end - start))
     return pieces
@@ -187,9 +187,9 @@ def _list_rod_faces(rod: Cylinder) -> list[_Face]:
     circle[:, second] = 0.5 * rod.diameter * np.sin(angles)
     start = _project_on_picture(circle + np.array(rod.start))
     end = _project_on_picture(circle + np.array(rod.end))
-    seen = end if _TO_EYE[rod.along] > 0.0 else start
+    seen = end if _TO_EYE[rod.axis_index] > 0.0 else start
     silhouette = _find_hull(np.concatenate([start, end]))
-    return [_Face(silhouette, _SHADES[1]), _Face(seen, _SHADES[rod.along])]
+    return [_Face(silhouette, _SHADES[1]), _Face(seen, _SHADES[rod.axis_index])]
 
 
 def _find_hull(points: NDArray[np.float64]) -> NDArray[np.float64]:

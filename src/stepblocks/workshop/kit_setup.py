@@ -46,7 +46,7 @@ class Side(Enum):
     def opens(self, component: Component, bore: Cylinder) -> bool:
         """Tell whether a bore is open to this side, so that a drill comes in from it."""
         _, axis, way = self.value
-        if bore.along != axis:
+        if bore.axis_index != axis:
             return False
         end = bore.end[axis] if way > 0 else bore.start[axis]
         beyond = end + way * 10.0 * _SAME
@@ -67,7 +67,7 @@ class SetupLine:
 def _holds_axis_at(box: Box, bore: Cylinder, place: float) -> bool:
     """Tell whether a box has the axis of a bore in it at a place along the axis [m]."""
     point = list(bore.start)
-    point[bore.along] = place
+    point[bore.axis_index] = place
     return all(box.low[axis] - _SAME < point[axis] < box.high[axis] + _SAME for axis in range(3))
 
 

@@ -221,7 +221,7 @@ def _draw_component(paper: Paper, view: _PlacedView, component: Component) -> No
         _draw_cylinder(paper, view, rod, _choose_layer(view, rod.box, component.boxes))
     for bore in component.bores:
         layer = Layer.HIDDEN
-        if bore.along == view.direction.out:
+        if bore.axis_index == view.direction.out:
             layer = _choose_layer(view, bore.box, component.boxes)
         _draw_cylinder(paper, view, bore, layer)
 
@@ -260,7 +260,7 @@ def _draw_box(paper: Paper, view: _PlacedView, box: Box, layer: Layer) -> None:
 def _draw_cylinder(paper: Paper, view: _PlacedView, cylinder: Cylinder, layer: Layer) -> None:
     """Draw a cylinder as a circle where the view looks along it, else as a rectangle."""
     direction = view.direction
-    if cylinder.along != direction.out:
+    if cylinder.axis_index != direction.out:
         _draw_box(paper, view, cylinder.inner_box, layer)
         return
     if cylinder.inward is not None:
@@ -289,7 +289,7 @@ def _label_cylinders(sheet: Sheet, view: _PlacedView, component: Component) -> N
     """Write the number of each rod and bore where the view looks along it, on no line."""
     lines = _collect_drawn_lines(view, component)
     for text, cylinder in _list_labelled(component):
-        if cylinder.along != view.direction.out:
+        if cylinder.axis_index != view.direction.out:
             continue
         width = compute_text_width(text, _LABEL_HEIGHT)
         place = lines.place_beside(_trace_circle(view, cylinder), width, _LABEL_HEIGHT)
@@ -309,7 +309,7 @@ def _collect_drawn_lines(view: _PlacedView, component: Component) -> DrawnLines:
     lines = DrawnLines(area, texts=[caption])
     lines.outlines = [_trace_box(view, box) for box in component.boxes]
     for cylinder in (*component.rods, *component.bores):
-        if cylinder.along == view.direction.out:
+        if cylinder.axis_index == view.direction.out:
             lines.circles.append(_trace_circle(view, cylinder))
         else:
             lines.outlines.append(_trace_box(view, cylinder.inner_box))

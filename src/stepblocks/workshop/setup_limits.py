@@ -60,7 +60,7 @@ class Band:
         """Half of its width [m]; negative of an empty one."""
         return 0.5 * (self.high - self.low)
 
-    def plus(self, band: "Band") -> "Band":
+    def add(self, band: "Band") -> "Band":
         """Return all sums with the values of a band."""
         return Band(self.low + band.low, self.high + band.high)
 
@@ -183,7 +183,7 @@ def _find_drops(block: Block) -> _Drops:
         return _Drops(left, right)
     further = Band.from_dimension(second.height)
     if second.direction == "up":
-        return _Drops(left.plus(further), _NO_DROP, between=further)
+        return _Drops(left.add(further), _NO_DROP, between=further)
     return _Drops(left, further, between=_NO_DROP)
 
 
@@ -229,7 +229,7 @@ def _list_core_holes(mounting: Mounting, ground: Band) -> Iterator[LeftDimension
 
 def _find_ground_thickness(block: Block, thickness: Band, lapped: Band) -> Band:
     """Find the thickness over base and higher face before anything is lapped [m]."""
-    over_left = _find_drops(block).left.plus(lapped)
+    over_left = _find_drops(block).left.add(lapped)
     return Band(thickness.low + over_left.high, thickness.high + over_left.low)
 
 
@@ -256,7 +256,7 @@ def _list_edge_breaks(block: Block, lapped: Band) -> Iterator[LeftDimension]:
         sides.append(("between", "between both edges", drops.between))
     sides.append(("right", f"right of the {last_edge}", drops.right))
     for side, place, drop in sides:
-        taken_off = drop.plus(lapped)
+        taken_off = drop.add(lapped)
         limits = Band(leg.low + taken_off.high, leg.high + taken_off.low)
         label = f"leg at the upper side, {place}"
         yield LeftDimension(5, f"edge_break_{side}", label, limits)

@@ -62,7 +62,7 @@ def _list_plane_places(component: Component, axis: int) -> list[float]:
     for box in component.boxes:
         ends += [box.low[axis], box.high[axis]]
     for rod in component.rods:
-        if rod.along == axis:
+        if rod.axis_index == axis:
             ends += [rod.start[axis], rod.end[axis]]
     places: list[float] = []
     for end in sorted(ends):
@@ -88,7 +88,7 @@ def _list_cylinder_characteristics(
     component: Component, cylinder: Cylinder, key: str, label: str
 ) -> Iterator[Characteristic]:
     """List the diameter of a rod or bore, and where its axis lies."""
-    held_axes = (*cylinder.cross_axis_indices, cylinder.along)
+    held_axes = (*cylinder.cross_axis_indices, cylinder.axis_index)
     holds = {axis: cylinder.middle[axis] for axis in held_axes}
     face = FaceRule("CYLINDER", radius=0.5 * cylinder.diameter, holds=holds)
     yield make_characteristic(
@@ -132,8 +132,8 @@ def _describe_bore(component: Component, cylinder: Cylinder) -> str:
     if cylinder.thread:
         thread = f" for {cylinder.thread}"
     for box in component.boxes:
-        same_start = abs(box.low[cylinder.along] - cylinder.start[cylinder.along]) < _SAME
-        same_end = abs(box.high[cylinder.along] - cylinder.end[cylinder.along]) < _SAME
+        same_start = abs(box.low[cylinder.axis_index] - cylinder.start[cylinder.axis_index]) < _SAME
+        same_end = abs(box.high[cylinder.axis_index] - cylinder.end[cylinder.axis_index]) < _SAME
         if same_start and same_end:
             return thread
     for rod in component.rods:

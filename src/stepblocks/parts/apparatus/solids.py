@@ -105,22 +105,22 @@ class Cylinder:
     inward: Point3 | None = None
 
     @property
-    def along(self) -> int:
-        """Number of its axis."""
+    def axis_index(self) -> int:
+        """Index of its axis: 0 for x, 1 for y, 2 for z."""
         return AXES.index(self.axis)
 
     @property
     def cross_axis_indices(self) -> tuple[int, int]:
         """Numbers of the axes that it is square to."""
         indices = [0, 1, 2]
-        indices.remove(self.along)
+        indices.remove(self.axis_index)
         first, second = indices
         return first, second
 
     @property
     def end(self) -> Point3:
         """Middle of the end with the higher coordinate [m]."""
-        return _shift(self.start, self.along, self.length)
+        return _shift(self.start, self.axis_index, self.length)
 
     @property
     def middle(self) -> Point3:
@@ -177,7 +177,7 @@ class Cylinder:
         u = _shift((0.0, 0.0, 0.0), first, radius)
         v = _shift((0.0, 0.0, 0.0), second, radius)
         circle = cad.kernel.outline_circle(self.start, u, v)
-        return cad.kernel.extrude(circle, _shift((0.0, 0.0, 0.0), self.along, self.length))
+        return cad.kernel.extrude(circle, _shift((0.0, 0.0, 0.0), self.axis_index, self.length))
 
 
 def add_points(point: Point3, by: Point3) -> Point3:

@@ -19,7 +19,7 @@ def choose_stock(component: Component) -> Box | Cylinder:
         return _choose_plate(component.bounding_box)
     rods = component.rods
     widest = max(rods, key=lambda rod: rod.diameter)
-    along = widest.along
+    along = widest.axis_index
     low, high = component.bounding_box.low[along], component.bounding_box.high[along]
     length = _round_up(high - low + 2.0 * _ALLOWANCE)
     start = list(widest.start)

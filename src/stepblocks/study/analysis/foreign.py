@@ -17,7 +17,7 @@ from stepblocks.study.columns import (
     Row,
     list_factors,
     name_setting,
-    read_number,
+    read_number_or_nan,
 )
 from stepblocks.study.design.read import SheetRow, find_sheets, read_rows
 from stepblocks.study.experiments.registry import ALIASES, EXPERIMENTS
@@ -85,15 +85,15 @@ def read_foreign_judgements(
     for name in columns:
         _check_name(name)
     names = NamedColumns(columns)
-    participant = names.name("participant")
-    called = (participant, names.name("condition"))
+    participant = names.get_table_name("participant")
+    called = (participant, names.get_table_name("condition"))
     search = AnswerSearch(EXPERIMENTS[experiment].answers, names)
     rows = list[SheetRow]()
     for path in find_sheets(tables):
         rows += read_rows(
             path, [participant], names=called, search=search, pattern=wide, layout=layout
         )
-    _refuse_copied_rows(rows, {names.name("trial"), "repetition", "time"})
+    _refuse_copied_rows(rows, {names.get_table_name("trial"), "repetition", "time"})
     _refuse_copied_tables(rows, participant)
     translated = [_translate_row(row, names) for row in rows]
     _refuse_partial_columns(translated)
@@ -119,7 +119,7 @@ def _number_rows(rows: Sequence[SheetRow], experiment: str) -> Iterator[SheetRow
     for row in rows:
         cells = {"condition": EXPERIMENTS[experiment].default_condition, **row.cells}
         _check_cells(cells, row.place, experiment)
-        cells.setdefault("stimulus", f"step-{read_number(cells['height_um']):03.6g}")
+        cells.setdefault("stimulus", f"step-{read_number_or_nan(cells['height_um']):03.6g}")
         trials[cells["participant"]] += 1
         setting = name_setting(cells)
         cell = (cells["participant"], f"{cells['condition']} {setting}", cells["stimulus"])
@@ -137,7 +137,7 @@ def _translate_row(row: SheetRow, names: NamedColumns) -> SheetRow:
     """Return a foreign row in our columns, declared factors last."""
     cells = dict[str, str]()
     for column in DESCRIPTIONS:
-        text = names.read(row.cells, column)
+        text = names.read_cell(row.cells, column)
         if text is not None:
             cells[column] = text
     cells |= _read_factors(row.cells, names)
@@ -195,7 +195,7 @@ def _cross_factors(
     beside = [name for name in within if not _is_fixed_by_condition(rows, name)]
     if not beside:
         return rows
-    own = FACTOR + names.name("condition").removeprefix(FACTOR)
+    own = FACTOR + names.get_table_name("condition").removeprefix(FACTOR)
     if own not in within:
         rows = [_copy_condition(row, own) for row in rows]
     return [_join_condition(row, ["condition", *beside]) for row in rows]
@@ -237,10 +237,10 @@ def _describe_unused(rows: Sequence[SheetRow], names: NamedColumns) -> Iterator[
     """Name columns that split the judgements and are in no model."""
     used = {PROBE, *names.named.values()}
     for name in DESCRIPTIONS:
-        used.add(names.name(name))
+        used.add(names.get_table_name(name))
         stem = name.removesuffix("_um")
         for unit in MICROMETRES:
-            used.add(names.name(f"{stem}_{unit}"))
+            used.add(names.get_table_name(f"{stem}_{unit}"))
     levels = dict[str, dict[str, int]]()
     for row in rows:
         for name, text in row.cells.items():
@@ -275,7 +275,7 @@ def _check_cells(cells: Row, place: str, experiment: str) -> None:
             f"{', '.join(lacking)}{_advise_to_melt(lacking)} [{place}]"
         )
     for name in ("height_um", "standard_height_um"):
-        height = read_number(cells.get(name, cells["height_um"]))
+        height = read_number_or_nan(cells.get(name, cells["height_um"]))
         if not _LOWEST <= height <= _HIGHEST:
             raise StudyError(
                 f"{name} must be a number from {_LOWEST:g} to {_HIGHEST:g} um, got "

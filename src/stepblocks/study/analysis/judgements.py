@@ -22,7 +22,7 @@ from stepblocks.study.columns import (
     PairOrder,
     Row,
     list_factors,
-    read_number,
+    read_number_or_nan,
 )
 from stepblocks.study.design.read import SheetRow, TrialKey, index_by_trial, read_rows
 from stepblocks.study.design.sheet import blind_row
@@ -288,7 +288,7 @@ def make_judgements(
             missing.append(key)
             continue
         trial = {name: row[name] for name in columns}
-        height = read_number(row["height_um"]) / 1e6
+        height = read_number_or_nan(row["height_um"]) / 1e6
         rows.append({**trial, "height": height, **answered[key]})
     frame = pd.DataFrame(rows)
     if frame.empty:
@@ -339,7 +339,7 @@ def _read_values(kind: Experiment, pair: Judgement, ratings: tuple[int, int]) ->
         if not cells.get(name):
             continue
         if name == "reaction_s":
-            values[name] = read_number(cells[name])
+            values[name] = read_number_or_nan(cells[name])
         else:
             values[name] = cells[name]
     return values

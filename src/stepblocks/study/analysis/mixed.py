@@ -168,7 +168,7 @@ class _Likelihood:
         self.sums = np.zeros((len(owner), columns.shape[1]))
         np.add.at(self.sums, cell, columns)
 
-    def variances(self, point: Array) -> _Variances:
+    def compute_variances(self, point: Array) -> _Variances:
         """Return the variances at a point, and the weights of cells and participants."""
         # exponentials keep the covariance positive; a parameter of zero is a variance of zero
         response = 0.0
@@ -179,18 +179,18 @@ class _Likelihood:
         person = np.expm1(point[0]) / weights.max()
         return _Variances(person, response, shrunk, weights)
 
-    def products(self, point: Array) -> _Products:
+    def compute_products(self, point: Array) -> _Products:
         """Return the weighted products of predictors and response, and ln |V|."""
-        person, response, shrunk, weights = self.variances(point)
+        person, response, shrunk, weights = self.compute_variances(point)
         by_person = self.persons.T @ (self.sums * shrunk[:, np.newaxis])
         matrix = self.squares - (self.sums.T * (response * shrunk)) @ self.sums
         matrix = matrix - (by_person.T * (person / (1.0 + person * weights))) @ by_person
         log_det = np.log(1.0 + person * weights).sum() - np.log(shrunk).sum()
         return _Products(matrix, log_det)
 
-    def loss(self, point: Array) -> Any:
+    def compute_loss(self, point: Array) -> Any:
         """Return minus the restricted log likelihood; a point ends with ln residual variance."""
-        matrix, log_det = self.products(point)
+        matrix, log_det = self.compute_products(point)
         predictors = matrix[:-1, :-1]
         factors = linalg.lu_factor(predictors, check_finite=False)
         # of a singular matrix infinite, not an error: a line search may pass by one
@@ -202,9 +202,9 @@ class _Likelihood:
         log_predictors = np.log(diagonal * np.sign(diagonal.real)).sum()
         return 0.5 * (normal + log_det + log_predictors)
 
-    def slope(self, point: Array) -> Array:
+    def compute_slope(self, point: Array) -> Array:
         """Return the derivative of the loss by each parameter."""
-        return np.asarray(approx_fprime_cs(point, self.loss)).ravel()
+        return np.asarray(approx_fprime_cs(point, self.compute_loss)).ravel()
 
     @np.errstate(divide="ignore", invalid="ignore", over="ignore")  # beyond the bounds
     def fit(self, repeated: bool) -> _Optimum:
@@ -221,13 +221,13 @@ class _Likelihood:
         with warnings.catch_warnings(action="ignore", category=linalg.LinAlgWarning):
             # the stubs know no derivative that is a method
             point = optimize.minimize(  # type: ignore[call-overload]
-                lambda trial: float(self.loss(trial)),
+                lambda trial: float(self.compute_loss(trial)),
                 np.array(start, dtype=np.float64),
-                jac=self.slope,
+                jac=self.compute_slope,
                 method="BFGS",
             ).x
         for _ in range(_NEWTON_STEPS):  # a line search ends at half the digits
-            slope = self.slope(point)
+            slope = self.compute_slope(point)
             covariance = self._invert_curvature(point)
             if np.abs(slope).max() < _NEAR_OPTIMUM:
                 point = point - covariance @ slope
@@ -242,17 +242,17 @@ class _Likelihood:
     def _invert_curvature(self, point: Array) -> Array:
         """Return the inverse of the second derivatives of the loss."""
         # where the likelihood is no number, zeros: some solvers stop at what is no number
-        curvature = np.nan_to_num(approx_hess_cs(point, self.loss), posinf=0.0, neginf=0.0)
+        curvature = np.nan_to_num(approx_hess_cs(point, self.compute_loss), posinf=0.0, neginf=0.0)
         return np.asarray(np.linalg.pinv(curvature, hermitian=True))
 
     def estimate_effects(self, point: Array) -> Array:
         """Return the fixed effects, shape (n,)."""
-        matrix = self.products(point).matrix
+        matrix = self.compute_products(point).matrix
         return np.asarray(np.linalg.solve(matrix[:-1, :-1], matrix[:-1, -1]), dtype=float)
 
-    def covariance(self, point: Array) -> Array:
+    def compute_covariance(self, point: Array) -> Array:
         """Return the covariance of the fixed effects, shape (n, n)."""
-        predictors = self.products(point).matrix[:-1, :-1]
+        predictors = self.compute_products(point).matrix[:-1, :-1]
         return np.asarray(np.linalg.inv(predictors) * np.exp(point[-1]))
 
     def count_freedom(self, optimum: _Optimum, contrast: Array) -> float:
@@ -261,7 +261,8 @@ class _Likelihood:
         Fai, A. H.-T., Cornelius, P. L. (1996), J. Statist. Comput. Simul. 54, 363-378.
         """
         slope = approx_fprime_cs(
-            optimum.point, lambda trial: np.log(contrast @ self.covariance(trial) @ contrast)
+            optimum.point,
+            lambda trial: np.log(contrast @ self.compute_covariance(trial) @ contrast),
         ).ravel()
         variance = max(slope @ optimum.covariance @ slope, 2.0 / self.free)
         return round(float(2.0 / variance), 6)
@@ -327,13 +328,13 @@ def fit_mixed_model(
     repeated = compared and likelihood.sizes.max() > 1 and several_cells
     optimum = likelihood.fit(repeated)
     effects = LinearEstimate(
-        likelihood.estimate_effects(optimum.point), likelihood.covariance(optimum.point)
+        likelihood.estimate_effects(optimum.point), likelihood.compute_covariance(optimum.point)
     )
     rows = find_mean_rows(model, data, conditions)
     for row in rows if covariate else ():
         row[-1] = 0.0  # at the mean of the covariate, which is the last predictor
     count = partial(likelihood.count_freedom, optimum)
-    variances = likelihood.variances(optimum.point)
+    variances = likelihood.compute_variances(optimum.point)
     residual = math.exp(0.5 * optimum.point[-1])
     family: tuple[Interval, ...] = ()
     if intervals:
@@ -351,7 +352,7 @@ def fit_mixed_model(
     slope = None
     if covariate:
         slope = _test_slope(effects, count, scale)
-    standardised_loss = float(likelihood.loss(optimum.point))
+    standardised_loss = float(likelihood.compute_loss(optimum.point))
     log_likelihood = -standardised_loss - likelihood.free * math.log(scale)
     person_share = math.sqrt(max(variances.person, 0.0))
     response_share = math.sqrt(max(variances.response, 0.0))

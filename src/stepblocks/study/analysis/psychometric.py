@@ -120,16 +120,16 @@ class _CurveLikelihood:
         p = np.clip(lapse + (1.0 - 2.0 * lapse) * rising, _CERTAIN, 1.0 - _CERTAIN)
         return p, np.array([-density / spread, -density * distance, 1.0 - 2.0 * rising])
 
-    def miss(self, p: Array) -> Array:
+    def compute_loss_of(self, p: Array) -> Array:
         """Return minus the log likelihood of predicted probabilities, shape (..., n)."""
         _, hits, totals = self.counts
         return np.asarray(-np.sum(xlogy(hits, p) + xlog1py(totals - hits, -p), axis=-1))
 
-    def loss(self, point: Array) -> tuple[float, Array]:
+    def compute_loss(self, point: Array) -> tuple[float, Array]:
         """Return minus the log likelihood of a point, and its slopes, shape (3,)."""
         _, hits, totals = self.counts
         p, slopes = self.predict(point)
-        return float(self.miss(p)), slopes @ ((totals - hits) / (1.0 - p) - hits / p)
+        return float(self.compute_loss_of(p)), slopes @ ((totals - hits) / (1.0 - p) - hits / p)
 
     def maximise(
         self, start: Sequence[float], held: int = -1, value: float = 0.0
@@ -139,7 +139,7 @@ class _CurveLikelihood:
         if held >= 0:
             bounds[held] = (value, value)
         return minimize(
-            self.loss,
+            self.compute_loss,
             start,
             jac=True,
             method="L-BFGS-B",
@@ -188,7 +188,7 @@ def fit_psychometric(
     start = _guess_start(likelihood.log_levels, counts)
     best = _maximise_from_starts(likelihood, start)
     # what a spread of zero loses more; where that is nothing, all small spreads fit alike
-    sharper = float(likelihood.miss(_fit_step_functions(counts)).min()) - float(best.fun)
+    sharper = float(likelihood.compute_loss_of(_fit_step_functions(counts)).min()) - float(best.fun)
     middle = _estimate_by_profile(likelihood, best, _MIDDLE, start)
     log_spread = _estimate_by_profile(likelihood, best, _LOG_SPREAD, start)
     trials = f"{counts.totals.sum():.0f} trials"
@@ -208,7 +208,7 @@ def fit_psychometric(
         lowest = -math.inf
     predicted, slopes = likelihood.predict(best.x)
     quality = assess_fit(predicted, slopes, counts.hits, counts.totals)
-    saturated = float(likelihood.miss(counts.hits / counts.totals))
+    saturated = float(likelihood.compute_loss_of(counts.hits / counts.totals))
     lapse = float(best.x[-1])
     return Psychometric(
         threshold=middle.transform(math.exp),

@@ -75,7 +75,7 @@ class StudyResult(Analysis):
 
     def table(self) -> pd.DataFrame:
         """Lay out every figure with its unit, in `COLUMNS`; not-a-number where a row has none."""
-        return pd.DataFrame([row.write_cells() for row in self.rows], columns=COLUMNS)
+        return pd.DataFrame([row.list_cells() for row in self.rows], columns=COLUMNS)
 
     def results_csv(self) -> str:
         """Write the table."""

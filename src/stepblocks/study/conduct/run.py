@@ -14,7 +14,7 @@ from stepblocks.errors import PipelineError, StudyError
 from stepblocks.files.atomic import lock_folder, resolve_inside
 from stepblocks.haptics.hands import HANDS, Hand, Mouse
 from stepblocks.haptics.servo import Servo, write_motion
-from stepblocks.study.columns import FACTOR, RATINGS, WHEN, Row, read_number
+from stepblocks.study.columns import FACTOR, RATINGS, WHEN, Row, read_number_or_nan
 from stepblocks.study.conduct.answer_file import TIMES, AnswerFile
 from stepblocks.study.conduct.clock import SteadyClock, format_timestamp
 from stepblocks.study.conduct.virtual_blocks import VirtualBlocks
@@ -409,9 +409,9 @@ def _check_planned(answer: SheetRow, planned: Row) -> None:
 
 def _give_feedback(row: Row, values: Mapping[str, float]) -> str:
     """Return the feedback after a practice trial; magnitudes have none."""
-    height = read_number(row["height_um"])
+    height = read_number_or_nan(row["height_um"])
     if "higher" in values:
-        is_higher = height > read_number(row["standard_height_um"])
+        is_higher = height > read_number_or_nan(row["standard_height_um"])
         return "right" if bool(values["higher"]) == is_higher else "wrong"
     if "error" in values:
         return f"the step is {height:g} um high"

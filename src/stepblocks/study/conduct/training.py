@@ -11,7 +11,7 @@ from typing import NamedTuple
 from stepblocks.errors import StudyError
 from stepblocks.files.atomic import lock_folder, replace_text, resolve_inside
 from stepblocks.files.tables import format_csv
-from stepblocks.study.columns import Row, group_by_participant, read_number
+from stepblocks.study.columns import Row, group_by_participant, read_number_or_nan
 from stepblocks.study.conduct.clock import SteadyClock, format_timestamp
 from stepblocks.study.design.read import SheetRow, read_design, read_rows
 from stepblocks.study.design.sheet import blind_row
@@ -416,7 +416,7 @@ def _summarise(
         reactions = []
         for item in items:
             right += item.right
-            seconds = read_number(item.answer.get("reaction_s", ""))
+            seconds = read_number_or_nan(item.answer.get("reaction_s", ""))
             if not math.isnan(seconds):
                 reactions.append(seconds)
         low, high = proportion_confint(right, len(items), method="wilson")

@@ -17,7 +17,7 @@ import numpy as np
 from stepblocks.contact import Array
 from stepblocks.errors import StudyError
 from stepblocks.study.analysis.psychometric import MAX_LAPSE, Z75
-from stepblocks.study.columns import RATINGS, Row, name_setting, read_number
+from stepblocks.study.columns import RATINGS, Row, name_setting, read_number_or_nan
 from stepblocks.study.experiments.comparisons import read_comparison
 
 _LAPSES = np.linspace(0.0, MAX_LAPSE, 5)
@@ -66,7 +66,7 @@ def complete_prior(stated: Mapping[str, object]) -> Prior:
     for name, value in stated.items():
         if name not in known:
             raise StudyError(f"prior must name {', '.join(known)}, got {name!r}")
-        number = read_number(str(value))
+        number = read_number_or_nan(str(value))
         lowest, highest = 0.0, _LARGEST
         if name.endswith("factor"):
             lowest = 1.0

@@ -136,7 +136,7 @@ class Blocks:
     faces: Mapping[str, Counterface]
     point: OperatingPoint
 
-    def energies(self) -> dict[str, float]:
+    def predict_energies(self) -> dict[str, float]:
         """Predict the energy of vibration [J] of each block.
 
         Raises

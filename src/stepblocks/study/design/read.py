@@ -12,7 +12,7 @@ from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.files.numbers import NumberNotation, is_plain_number
 from stepblocks.files.tables import warn_of_notes
 from stepblocks.files.text_table import TextTable, is_table_name
-from stepblocks.study.columns import NamedColumns, Row, read_number
+from stepblocks.study.columns import NamedColumns, Row, read_number_or_nan
 from stepblocks.study.design.sheet import list_answer_columns
 from stepblocks.study.design.trials import DESIGN_COLUMNS
 from stepblocks.study.experiments.registry import EXPERIMENTS
@@ -102,7 +102,7 @@ def _check_heights(row: SheetRow) -> None:
     if row.cells["standard"]:
         columns.append("standard_height_um")
     for name in columns:
-        if not read_number(row.cells[name]) > 0.0:
+        if not read_number_or_nan(row.cells[name]) > 0.0:
             raise StudyError(
                 f"{name} must be a positive number, got {row.cells[name]!r} [{row.place}]"
             )
@@ -122,8 +122,8 @@ def read_answers(
     named = NamedColumns(columns)
     search = AnswerSearch(EXPERIMENTS[experiment].answers, named)
     columns_of_answers = list_answer_columns(experiment)
-    wanted = list(map(named.name, columns_of_answers))
-    names = list(map(named.name, _NAMES))
+    wanted = list(map(named.get_table_name, columns_of_answers))
+    names = list(map(named.get_table_name, _NAMES))
     rows = read_rows(path, wanted, empty=True, names=names, search=search, layout=layout)
     return [_translate_row(row, columns_of_answers, named) for row in rows]
 
@@ -132,7 +132,7 @@ def _translate_row(row: SheetRow, ours: Sequence[str], named: NamedColumns) -> S
     """Give a row some of our columns, as the user says what they are called."""
     cells = {**row.cells}
     for name in ours:
-        text = named.read(row.cells, name)
+        text = named.read_cell(row.cells, name)
         if text is not None:
             cells[name] = text
     return replace(row, cells=cells)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stepblocks.errors import StudyError
-from stepblocks.study.columns import RATINGS, Row, name_setting, read_number
+from stepblocks.study.columns import RATINGS, Row, name_setting, read_number_or_nan
 from stepblocks.study.experiments.comparisons import read_comparison
 
 _HARDER = 1  # levels after a right answer
@@ -104,11 +104,11 @@ class Staircase:
 def is_right(row: Row, answer: Row) -> bool:
     """Return whether an answer to a pair is right."""
     called_higher = bool(read_comparison(row, answer, RATINGS)["higher"])
-    is_higher = read_number(row["height_um"]) > read_number(row["standard_height_um"])
+    is_higher = read_number_or_nan(row["height_um"]) > read_number_or_nan(row["standard_height_um"])
     return called_higher == is_higher
 
 
 def _measure_difference(row: Row) -> float:
     """Return |ln(height / standard)| of a pair, rounded so that equal ratios are one level."""
-    ratio = read_number(row["height_um"]) / read_number(row["standard_height_um"])
+    ratio = read_number_or_nan(row["height_um"]) / read_number_or_nan(row["standard_height_um"])
     return round(abs(math.log(ratio)), 6)

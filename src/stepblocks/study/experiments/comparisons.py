@@ -17,7 +17,7 @@ from stepblocks.study.analysis.comparisons import (
     fit_setting,
 )
 from stepblocks.study.analysis.findings import Analysis, name_contrast
-from stepblocks.study.columns import FACTOR, NO, YES, PairOrder, Row, read_number
+from stepblocks.study.columns import FACTOR, NO, YES, PairOrder, Row, read_number_or_nan
 from stepblocks.study.design.simulate import Observer, simulate_comparison
 from stepblocks.study.experiments.kind import Experiment, Texts
 
@@ -36,7 +36,7 @@ def read_comparison(planned: Row, answer: Row, ratings: tuple[int, int]) -> dict
     standard_is_first = planned["condition"] == PairOrder.STANDARD_FIRST
     return {
         "higher": int(second_is_higher == standard_is_first),
-        "standard": read_number(planned["standard_height_um"]) / 1e6,
+        "standard": read_number_or_nan(planned["standard_height_um"]) / 1e6,
     }
 
 

@@ -11,7 +11,7 @@ from stepblocks.study.analysis.findings import Analysis
 from stepblocks.study.analysis.log_error import compute_log_errors
 from stepblocks.study.analysis.people import describe_swapped_conditions
 from stepblocks.study.analysis.repeated import average_participants
-from stepblocks.study.columns import Row, read_number
+from stepblocks.study.columns import Row, read_number_or_nan
 from stepblocks.study.design.simulate import Observer, simulate_estimates
 from stepblocks.study.experiments.kind import Experiment
 
@@ -20,13 +20,13 @@ LARGEST_ESTIMATE = 10_000.0  # um; the same for every study, so that it reveals 
 
 def read_estimate(planned: Row, answer: Row, ratings: tuple[int, int]) -> dict[str, float]:
     """Read an estimated height: the estimate and its error [m]."""
-    estimate = read_number(answer["estimate_um"])
+    estimate = read_number_or_nan(answer["estimate_um"])
     if not 0.0 <= estimate <= LARGEST_ESTIMATE:
         raise StudyError(
             f"estimate_um must be a number from 0 to {LARGEST_ESTIMATE:g}, got "
             f"{answer['estimate_um']!r}"
         )
-    error = estimate - read_number(planned["height_um"])
+    error = estimate - read_number_or_nan(planned["height_um"])
     return {"estimate": estimate / 1e6, "error": error / 1e6}
 
 

@@ -12,7 +12,7 @@ from stepblocks.study.analysis.influence import tabulate_exponents
 from stepblocks.study.analysis.magnitudes import fit_power_law
 from stepblocks.study.analysis.people import describe_swapped_conditions
 from stepblocks.study.analysis.repeated import compare_participants
-from stepblocks.study.columns import Row, read_number
+from stepblocks.study.columns import Row, read_number_or_nan
 from stepblocks.study.design.simulate import Observer, simulate_felt_energies
 from stepblocks.study.experiments.kind import Experiment, Texts
 
@@ -26,7 +26,7 @@ _MODULUS_SPREAD = 0.5  # standard deviation of its logarithm
 
 def _read_magnitude(planned: Row, answer: Row, ratings: tuple[int, int]) -> dict[str, float]:
     """Read a magnitude [1]."""
-    magnitude = read_number(answer["magnitude_ratio"])
+    magnitude = read_number_or_nan(answer["magnitude_ratio"])
     if not magnitude > 0.0:
         raise StudyError(
             f"magnitude_ratio must be a positive number, got {answer['magnitude_ratio']!r}"

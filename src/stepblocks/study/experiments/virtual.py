@@ -10,7 +10,7 @@ from stepblocks.files.tables import Table
 from stepblocks.study.analysis.accuracy import MEASURES
 from stepblocks.study.analysis.findings import Analysis
 from stepblocks.study.analysis.ordinal import OrdinalFit, fit_ordinal_model
-from stepblocks.study.columns import FACTOR, Row, list_levels, read_number
+from stepblocks.study.columns import FACTOR, Row, list_levels, read_number_or_nan
 from stepblocks.study.design.simulate import REALISM, Observer, simulate_ratings
 from stepblocks.study.design.virtual import VIBRATION, VIBRATION_OFF, VIBRATION_ON
 from stepblocks.study.experiments.estimates import (
@@ -25,7 +25,7 @@ def _read_virtual(planned: Row, answer: Row, ratings: tuple[int, int]) -> dict[s
     """Read an estimated height [m] and a rating."""
     values = read_estimate(planned, answer, ratings)
     low, high = ratings
-    rating = read_number(answer["realism_rating"])
+    rating = read_number_or_nan(answer["realism_rating"])
     if not (low <= rating <= high and rating == int(rating)):
         raise StudyError(
             f"realism_rating must be a whole number from {low:g} to {high:g}, got "

@@ -40,7 +40,7 @@ def melt_table(table: TextTable, pattern: str, search: AnswerSearch) -> TextTabl
     """
     known = _parse_column_names(table, pattern)
     fields = list(next(iter(known.values())))
-    answers = list(map(search.columns.name, search.answers))
+    answers = list(map(search.columns.get_table_name, search.answers))
     if _ANSWER in fields:
         fields.remove(_ANSWER)
     elif len(answers) > 1:

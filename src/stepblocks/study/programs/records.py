@@ -12,7 +12,7 @@ from stepblocks.files.layout import TableLayout
 from stepblocks.files.paths import describe_system_error
 from stepblocks.files.text import measure_file_size
 from stepblocks.files.text_table import TableShape, TextTable, read_names, read_text_table
-from stepblocks.study.columns import COMPARED, NO, YES, NamedColumns, read_number
+from stepblocks.study.columns import COMPARED, NO, YES, NamedColumns, read_number_or_nan
 from stepblocks.study.programs.gorilla import GORILLA
 from stepblocks.study.programs.jspsych import JSPSYCH, read_json_records
 from stepblocks.study.programs.opensesame import OPENSESAME
@@ -117,11 +117,11 @@ def convert_records(table: TextTable, search: AnswerSearch) -> TextTable:
         columns = _name_planned_columns(columns)
     elif "participant" not in search.columns.named:
         columns.update(_find_participant_column(program, records.table))
-    if chosen and not search.columns.find(_REACTION):
+    if chosen and not search.columns.find_stated_name(_REACTION):
         columns.update(_read_reactions(program, records.table, next(iter(chosen.values()))))
     answers = []
     for answer, channel in chosen.items():
-        name = search.columns.name(answer)
+        name = search.columns.get_table_name(answer)
         columns.pop(channel.column, None)
         columns[name] = _clean_answers(records.table, channel.column)
         answers.append(name)
@@ -134,7 +134,7 @@ def convert_records(table: TextTable, search: AnswerSearch) -> TextTable:
         adopted = _join_events(adopted, answers, ())
     notes = [*adopted.notes]
     for answer, channel in chosen.items():
-        if channel.column != search.columns.name(answer) and channel.question != answer:
+        if channel.column != search.columns.get_table_name(answer) and channel.question != answer:
             notes.append(f"{answer} is read from {channel.column!r} of {program.title}")
     return replace(adopted, notes=tuple(notes))
 
@@ -155,7 +155,7 @@ def _name_planned_columns(columns: Mapping[str, list[str]]) -> dict[str, list[st
 def _keep_trials(records: Records, search: AnswerSearch) -> Records:
     """Leave out the rows of instructions and breaks: those that name no trial or no height."""
     table = records.table
-    known = [_TRIAL, search.columns.find("height_um"), *_HEIGHTS]
+    known = [_TRIAL, search.columns.find_stated_name("height_um"), *_HEIGHTS]
     marks = [name for name in known if name in table.names]
     if not marks:
         return records
@@ -180,7 +180,7 @@ def _choose_channels(records: Records, search: AnswerSearch) -> dict[str, Channe
     by_question = {channel.question: channel for channel in records.channels}
     chosen = dict[str, Channel]()
     for answer in search.answers:
-        named = search.columns.find(answer)
+        named = search.columns.find_stated_name(answer)
         if named in by_question:
             raise StudyError(
                 f"{answer} must be named by a column, such as {by_question[named].column!r}, got "
@@ -248,7 +248,7 @@ def _may_answer(answer: str, text: str) -> bool:
     """Return whether a text may be an answer: a number, or of comparisons yes or no."""
     if answer in COMPARED:
         return text.lower() in (*YES, *NO)
-    return not math.isnan(read_number(text.replace(",", ".")))
+    return not math.isnan(read_number_or_nan(text.replace(",", ".")))
 
 
 def _list_kept_columns(
@@ -283,7 +283,7 @@ def _read_reactions(program: Program, table: TextTable, channel: Channel) -> dic
         return {}
     seconds = []
     for cell in table.get_named_cells(channel.reaction):
-        value = read_number(_clean_answer(cell))
+        value = read_number_or_nan(_clean_answer(cell))
         text = ""
         if not math.isnan(value):
             text = f"{value * program.seconds:.9g}"
@@ -309,7 +309,7 @@ def _clean_answer(cell: str) -> str:
 
 def _write_whole(text: str) -> str:
     """Write the number of a trial without a decimal point, which some programs add."""
-    value = read_number(text)
+    value = read_number_or_nan(text)
     if math.isnan(value) or value != int(value):
         return text
     return str(int(value))
