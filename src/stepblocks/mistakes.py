@@ -147,7 +147,7 @@ def _list_findings_after_correction(
     data: object,
     validate: Callable[[Any], object] | None,
 ) -> list[ErrorDetails]:
-    """Return what is wrong: unknown names, and what else there is once they are corrected."""
+    """List pydantic's findings: unknown names, and what is wrong once these are corrected."""
     findings = error.errors(include_url=False)
     unknown = [finding for finding in findings if _is_unknown_name(finding)]
     if not unknown:

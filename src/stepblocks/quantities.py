@@ -95,6 +95,7 @@ _QUANTITY = re.compile(
 
 @cache
 def _build_registry() -> "pint.UnitRegistry[float]":
+    """Build the registry of units, once for each process."""
     import pint
 
     return pint.UnitRegistry(
@@ -163,7 +164,7 @@ def is_quantity(value: object) -> bool:
 
 
 def unwrap_array_scalar(value: Any) -> Any:
-    """Return the number in an array without dimensions, with its unit where xarray states one.
+    """Return the number of a zero-dimensional array; a text with unit where xarray states one.
 
     Anything else is returned as it is.
     """
@@ -226,7 +227,7 @@ def read_array(values: object, dimension: str) -> "NDArray[np.float64]":
 
 
 def _format_rule(dimension: str) -> str:
-    """Say that a value must have a dimension, as in ``must be a length``."""
+    """Format the rule that a value must have a dimension, as in ``must be a length``."""
     article = "a"
     if dimension[0] in "ae":
         article = "an"
@@ -234,7 +235,7 @@ def _format_rule(dimension: str) -> str:
 
 
 def _find_unit_size(unit: Any, dimension: str) -> float:
-    """Return the size of a unit of Pint in SI; refuse one of another dimension."""
+    """Return how many SI units a unit of Pint has; refuse one of another dimension."""
     wanted = _format_rule(dimension)
     try:
         return _convert_quantity(1.0 * unit, DIMENSIONS[dimension], wanted)
@@ -304,6 +305,7 @@ def _convert_quantity(quantity: Any, unit: str, wanted: str) -> float:
 
 
 def _check_dimension(dimension: object) -> None:
+    """Refuse a dimension that has no unit here."""
     if not isinstance(dimension, str) or dimension not in _KNOWN:
         known = ", ".join(_KNOWN)
         shown = " ".join(repr(dimension).split())
@@ -320,7 +322,10 @@ def _convert_ratio(number: float, wanted: str) -> float:
 
 @lru_cache(maxsize=4096)  # the stanzas of a series share all but a few of their texts
 def _parse_magnitude(text: str, unit: str, wanted: str) -> float:
-    """Return the number of a text in a unit; `wanted` begins the message where there is none."""
+    """Parse a text with a unit, and return its number in `unit`.
+
+    `wanted` begins the message of a refusal.
+    """
     if len(text) > _MAX_TEXT:
         raise QuantityError(f"{wanted}, got {text[: _MAX_TEXT - 3] + '...'!r}")
     parsed = _QUANTITY.fullmatch(text)
@@ -350,7 +355,7 @@ def _convert_unit(number: float, written: str, unit: str) -> float:
 
 @cache
 def _list_unit_errors() -> tuple[type[Exception], ...]:
-    """Return what Pint raises over a text that is no unit."""
+    """List the errors that Pint raises for a text that is not a unit."""
     import pint
 
     return (
@@ -380,6 +385,7 @@ def make_quantity_parser(dimension: str) -> Callable[[object], float]:
 
 
 def _check_digits(digits: object) -> None:
+    """Refuse a number of digits that is not a whole number within limits."""
     if not isinstance(digits, numbers.Integral) or not 1 <= int(digits) <= _MOST_DIGITS:
         raise QuantityError(
             f"digits must be a whole number from 1 to {_MOST_DIGITS}, got {digits!r:.60}"

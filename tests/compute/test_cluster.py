@@ -134,14 +134,14 @@ def test_workers_that_do_not_see_the_folder_return_what_they_computed(
     site, plan, tmp_path, monkeypatch
 ):
     alone = stepblocks.run_sweep(plan, tmp_path / "alone")
-    monkeypatch.setattr(sweeping, "is_shared", lambda client, folder: False)
+    monkeypatch.setattr(sweeping, "is_folder_shared", lambda client, folder: False)
     together = stepblocks.run_sweep(plan, tmp_path / "together", on=site)
     assert _read_files(together.folder) == _read_files(alone.folder)
 
 
 def test_a_folder_of_this_machine_is_shared_with_workers_of_this_machine_alone(site, tmp_path):
     with open_cluster(site) as client:
-        assert clusters.is_shared(client, tmp_path)
+        assert clusters.is_folder_shared(client, tmp_path)
         assert not any(tmp_path.iterdir())
         assert clusters._can_read_and_write(str(tmp_path / "absent"), "token") is False
 
@@ -166,7 +166,9 @@ def test_rehearsals_on_a_cluster_are_those_of_one_machine(site, tmp_path, monkey
     stepblocks.simulate_session(path, single, seed=2)
     assert _read_files(alone.folders[2]) == _read_files(single)
     for folder, is_shared in (("shared", True), ("apart", False)):
-        monkeypatch.setattr(many, "is_shared", lambda client, folder, answer=is_shared: answer)
+        monkeypatch.setattr(
+            many, "is_folder_shared", lambda client, folder, answer=is_shared: answer
+        )
         together = stepblocks.simulate_sessions(path, tmp_path / folder, range(3), on=site)
         assert (together.simulated, together.found) == (3, 0)
         assert _read_files(tmp_path / folder) == _read_files(tmp_path / "alone")

@@ -142,9 +142,9 @@ def test_a_process_killed_in_mid_run_loses_nothing_and_changes_no_byte(tmp_path)
     run_sweep(plan, tmp_path / "alone")
 
     def kill_workers(_):
-        from stepblocks.compute.processes import kill_workers
+        from stepblocks.compute.processes import kill_child_processes
 
-        kill_workers()
+        kill_child_processes()
 
     with pytest.raises(PipelineError, match="run it again, and it goes on"):
         run_sweep(plan, tmp_path / "by-two", jobs=2, on_partition=kill_workers)

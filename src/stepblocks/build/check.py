@@ -55,7 +55,8 @@ def check_output(
     selected = select_stimuli(sets, only)
     _refuse_unbuilt_sets(folder, [stimuli for stimuli, _ in selected])
 
-    def check() -> "Iterator[tuple[str, list[Verdict]]]":
+    def check_selected() -> "Iterator[tuple[str, list[Verdict]]]":
+        """Yield the verdicts on each selected artefact, then on the tables of whole sets."""
         for stimuli, stimulus in selected:
             for path in list_checkable_paths(stimulus, folder / stimuli.name / stimulus.id):
                 yield path.relative_to(folder).as_posix(), check_artefact(stimulus, path)
@@ -64,7 +65,9 @@ def check_output(
                 name = f"{stimuli.name}/predictions.csv"
                 yield name, [_check_prediction_table(stimuli, folder, name)]
 
-    return check()  # what was asked wrongly is refused at once, not where the first is taken
+    return (
+        check_selected()
+    )  # what was asked wrongly is refused at once, not where the first is taken
 
 
 def check_files(

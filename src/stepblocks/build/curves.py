@@ -51,7 +51,7 @@ class Curves:
     highest: float
 
     def to_json(self) -> str:
-        """Write it as the page's script reads it."""
+        """Write it as the JSON text that the page's script reads."""
         return json.dumps(asdict(self), allow_nan=False)
 
 
@@ -107,7 +107,7 @@ class _Plot:
         return min(_MARGIN * float(self.heights[-1]), self.radius)
 
     def sample_critical_angle(self) -> Curve:
-        """Draw the critical angle [deg], which exists up to the radius of the tip."""
+        """Sample the critical angle [deg], which exists up to the radius of the tip."""
 
         def compute_degrees(height: Array) -> Array:
             degrees: Array = np.degrees(kernels.compute_angle_on_step(height, self.radius))
@@ -116,7 +116,7 @@ class _Plot:
         return self._sample_curve("critical angle", self.radius, compute_degrees)
 
     def sample_vibration_energy(self, friction: float) -> Curve:
-        """Draw the vibration energy [uJ] up to the largest force of the tool."""
+        """Sample the vibration energy [uJ] up to the largest force of the tool."""
 
         def compute_microjoules(height: Array) -> Array:
             angle = kernels.compute_angle_on_step(height, self.radius)
@@ -131,7 +131,7 @@ class _Plot:
         return self._sample_curve(f"E<sub>v</sub>, µ {friction:g}", end, compute_microjoules)
 
     def _sample_curve(self, name: str, end: float, compute: Callable[[Array], Array]) -> Curve:
-        """Draw what is computed at heights [m] up to an end [m], and mark the blocks on it."""
+        """Sample a curve at heights up to an end [m], with a mark at the height of each block."""
         along = np.linspace(_LOWEST * self.highest, self.highest, _POINTS)
         curve = along[along <= end]
         marks = self.heights[self.heights <= end]

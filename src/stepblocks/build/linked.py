@@ -78,7 +78,7 @@ def find_linked_files(output: Path, outputs: Iterable[str]) -> dict[str, list[Li
 
 
 def _list_whole_folder_links(output: Path) -> Iterator[Link]:
-    """Yield links to the files of the whole output and of its sets that exist."""
+    """Yield links to the files that belong to the whole output or to a set, where they exist."""
     for link in _BESIDE:
         if (output / link.name).is_file():
             yield link

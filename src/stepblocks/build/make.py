@@ -126,7 +126,10 @@ def build_stimuli(
 def _start_predictions(
     predicted: "Sequence[StimulusSet]",
 ) -> "Iterator[list[Future[PredictedSet]]]":
-    """Predict sets in a thread of this process, which only waits for its workers."""
+    """Start to predict sets in a thread of this process, and give a future for each.
+
+    The thread only waits for its workers. What has not begun when the block ends is cancelled.
+    """
     thread = ThreadPoolExecutor(1)
     try:
         yield [thread.submit(predict_declared_set, stimuli) for stimuli in predicted]
@@ -156,7 +159,7 @@ def _build_on_cluster(
 
 
 def list_checkable_paths(stimulus: Part, folder: Path) -> list[Path]:
-    """List the artefacts of a stimulus that can be checked."""
+    """List where the artefacts of a stimulus lie that can be checked, whether or not they exist."""
     names = [f"{stimulus.id}.step"]
     for body in stimulus.bodies:
         names += [body + ending for ending in MESH_FORMATS]

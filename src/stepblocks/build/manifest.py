@@ -187,12 +187,12 @@ class StimulusRecord:
 
 
 def hash_bytes(content: bytes) -> str:
-    """Hash bytes."""
+    """Return the SHA-256 of bytes, in hexadecimal digits."""
     return hashlib.sha256(content).hexdigest()
 
 
 def hash_file(path: Path) -> str:
-    """Hash a file; the empty text stands for one that cannot be read."""
+    """Return the SHA-256 of a file, in hexadecimal digits; an empty text if it cannot be read."""
     try:
         with path.open("rb") as stream:
             return hashlib.file_digest(stream, "sha256").hexdigest()
@@ -201,7 +201,7 @@ def hash_file(path: Path) -> str:
 
 
 def write_sealed(path: Path, content: Mapping[str, object]) -> None:
-    """Write JSON with a hash of itself; a file that was altered later is not used."""
+    """Write JSON with a hash of its content, by which `load_sealed` notices a later change."""
     sealed = {**content, "seal": _compute_seal(content)}
     replace_text(path, json.dumps(sealed, indent=1, allow_nan=False) + "\n")
 
@@ -212,7 +212,7 @@ def _compute_seal(content: Mapping[str, object]) -> str:
 
 
 def load_sealed(path: Path) -> dict[str, Any] | None:
-    """Read a JSON object that this program wrote; None for anything else."""
+    """Read a JSON object that `write_sealed` wrote; None for anything else."""
     try:
         if measure_file_size(path) >= _MOST_BYTES:
             return None
@@ -244,7 +244,7 @@ def load_record(folder: Path) -> StimulusRecord | None:
 
 
 def find_unaltered_file(folder: Path, name: str, digest: str) -> Path | None:
-    """Return the file of a name if it lies in the folder and is as it was written."""
+    """Return the path of a file in a folder if its hash is `digest`, else None."""
     path = resolve_inside(folder, name)
     if path is None or hash_file(path) != digest:
         return None
@@ -252,6 +252,6 @@ def find_unaltered_file(folder: Path, name: str, digest: str) -> Path | None:
 
 
 def are_outputs_intact(folder: Path, outputs: Mapping[str, str]) -> bool:
-    """Tell whether there are files listed, all in the folder and as they were written."""
+    """Tell whether files are listed, and each lies in the folder with the hash that is listed."""
     unchanged = (find_unaltered_file(folder, name, digest) for name, digest in outputs.items())
     return bool(outputs) and None not in unchanged

@@ -221,7 +221,7 @@ def _collect_row(
 
 
 def describe_felt_ranges(predictions: Sequence[Prediction]) -> Iterator[str]:
-    """Say for each direction the range of what is felt, and in how many cases nothing is.
+    """Describe for each direction the ranges of pull and energy, and the cases without vibration.
 
     A line reads ``up: 0.5 to 2 N, 1 to 30 µJ; locked in 2 of 4``.
     """
@@ -250,7 +250,7 @@ def _describe_unfelt(statuses: Sequence[Status]) -> Iterator[str]:
 
 
 def _explain_no_vibration(status: Status) -> str:
-    """Say in words why a prediction gives no vibration."""
+    """Return the words for a status that gives no vibration."""
     if status in _STATUS_WORDS:
         return _STATUS_WORDS[status]
     return f"beyond the {status.removeprefix('beyond-')}, no energy,"

@@ -108,7 +108,7 @@ def _cut_solid(mesh: Arrays, cut: Callable[[Manifold], Manifold]) -> Polydata:
 
 
 def _crop_to_cube(mesh: Arrays, half_width: float, centre: Point) -> Polydata:
-    """Cut out what of a body lies in a cube [m]."""
+    """Cut away what lies outside a cube of twice the half-width about a centre [m]."""
     side = 2e3 * half_width
     middle = [1e3 * coordinate for coordinate in centre]
     cube = manifold3d.Manifold.cube([side, side, side], True).translate(middle)
@@ -116,7 +116,7 @@ def _crop_to_cube(mesh: Arrays, half_width: float, centre: Point) -> Polydata:
 
 
 def _cut_open(meshes: Sequence[Arrays]) -> list[Polydata]:
-    """Cut parts of several bodies open, so that what is inside can be seen."""
+    """Cut each of several bodies in half, so that the inside can be seen; leave one body whole."""
     if len(meshes) == 1:
         vertices, triangles = meshes[0]
         return [_make_polydata(vertices, triangles)]
@@ -129,7 +129,7 @@ def _cut_in_half(solid: Manifold) -> Manifold:
 
 
 def _show_bodies(plotter: Any, bodies: Sequence[Polydata], caption: str) -> None:
-    """Show bodies with their sharp edges in the current half of the window."""
+    """Draw bodies with their sharp edges and a caption in the current half of the window."""
     plotter.set_background("white")
     for index, body in enumerate(bodies):
         if body.n_cells == 0:

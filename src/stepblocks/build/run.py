@@ -292,6 +292,7 @@ def _list_sources(files: "Source | Sequence[Source] | None") -> "list[Source]":
 
 
 def _get_set_name(source: "Path | StimulusSet") -> str:
+    """Return the name of a declared set, or of the set in a stimulus file."""
     if isinstance(source, Path):
         return source.stem
     return source.name

@@ -94,7 +94,7 @@ def _write_tables(
 
 
 def _make_learned_column_formatter(learned: LearnedModel) -> Callable[[Prediction], dict[str, str]]:
-    """Return what formats the columns that a learned model adds to a row of predictions."""
+    """Return a function that formats the columns which a learned model adds for a prediction."""
     from stepblocks.predict.learned import format_learned_columns
 
     return partial(format_learned_columns, learned=learned)
@@ -109,9 +109,10 @@ def _hash_files(paths: Iterable[Path], output: Path) -> dict[str, str]:
 
 
 def _map_output_hashes(record: StimulusRecord, place: str) -> dict[str, str]:
-    """List the hashes of the files of a stimulus by their names below the output folder."""
+    """Map the name of each file of a stimulus, below the output folder, to its recorded hash."""
     return {f"{place}/{name}": digest for name, digest in record.outputs.items()}
 
 
 def _list_failures(record: StimulusRecord, place: str) -> list[str]:
+    """List the failed verdicts of a stimulus as texts, each below its folder."""
     return [f"{place}/{verdict.text}" for verdict in record.verdicts if not verdict.passed]

@@ -50,6 +50,7 @@ _MODULES = (begin, app, build, inspect, predict, design_set, drag, export, sessi
 
 
 def _print_version(requested: bool) -> None:
+    """Print the version and end, where it is requested."""
     if requested:
         print(f"stepblocks {__version__}")
         raise typer.Exit
@@ -170,8 +171,7 @@ def _describe_error(error: Exception) -> tuple[str, int]:
 
 
 def _save_traceback(error: Exception) -> str:
-    """Write the traceback to a file; return a line that says what happened and where it is."""
-    # Keep the traceback in a file; say in one line what happened and where the file is
+    """Write the traceback to a file; return a line with the error and the path of that file."""
     message = " ".join(f"{type(error).__name__}: {error}".split())[:200]
     try:
         with tempfile.NamedTemporaryFile(

@@ -176,7 +176,7 @@ def _write_planned_session(
 
 
 def _refuse_existing_files(places: Iterable[Path], *, force: bool) -> None:
-    """Raise where a file is there that would be replaced without being asked."""
+    """Refuse to replace files that exist, unless forced."""
     if force:
         return
     present = [str(place) for place in places if place.exists()]

@@ -22,7 +22,7 @@ app = typer.Typer()
 
 
 def _read_length_range(text: str) -> tuple[float, float]:
-    # Read two lengths with two dots between them
+    """Read two lengths [m] with two dots between them."""
     try:
         first, last = map(make_quantity_reader("length"), text.split(".."))
         return first, last

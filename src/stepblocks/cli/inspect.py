@@ -298,7 +298,7 @@ def inspect(
 
 
 def _prefer_option(option: float | None, known: float | None) -> float | None:
-    """Return an option that was given; else what the laboratory says of its instrument."""
+    """Return an option where it was given, else the known value of the laboratory's instrument."""
     if option is None:
         return known
     return option
@@ -373,6 +373,7 @@ def _inspect_one(
 
 
 def _list_channels(scan: Path) -> Outcome:
+    """List the channels of a scan, or say that it has none."""
     from stepblocks.scans.read import list_channels
 
     names = list_channels(scan)

@@ -25,13 +25,14 @@ _EVERYWHERE = "In every command"
 def make_quantity_reader(dimension: str, *, above_zero: bool = False) -> Callable[[str], float]:
     """Return a reader of quantities of one dimension."""
 
-    def read(text: str) -> float:
+    def read_quantity(text: str) -> float:
+        """Read a quantity in SI."""
         value = parse_quantity(text, dimension)
         if above_zero and value <= 0.0:
             raise ValueError(f"must be positive, got {text}")
         return value
 
-    return read
+    return read_quantity
 
 
 def make_quantity_option(
@@ -57,14 +58,15 @@ def make_quantity_option(
 def make_whole_number_reader(least: int, most: int) -> Callable[[str | int], int]:
     """Return a reader of whole numbers within limits."""
 
-    def read(written: str | int) -> int:
+    def read_whole_number(written: str | int) -> int:
+        """Read a whole number from `least` to `most`."""
         text = str(written)  # Typer reads a default, too
         is_whole = text.isdecimal() and len(text) <= _MOST_DIGITS
         if not is_whole or not least <= int(text) <= most:
             raise ValueError(f"must be a whole number from {least} to {most}, got {text!r:.40}")
         return int(text)
 
-    return read
+    return read_whole_number
 
 
 class Numbers(tuple[int, ...]):
@@ -116,7 +118,7 @@ def require_exactly_one(next_step: str, **options: object) -> None:
 
 
 def refuse_more_than_one(**options: object) -> None:
-    """Refuse options that exclude each other."""
+    """Refuse more than one of several options that exclude each other."""
     if len(keep_given_options(**options)) > 1:
         names = " and ".join(map(_name_option, options))
         raise PipelineError(f"{names} exclude each other: give one of them")
@@ -254,7 +256,7 @@ On = Annotated[
 
 
 def _offer_laws_of_file(file: Path | None) -> Path | None:
-    """Offer the effects of a user's file; nothing is loaded where there is none."""
+    """Offer the effects of a user's file, if one is named; return its path for Typer."""
     if file is not None:
         from stepblocks.rig.effects.offered import offer_laws
 

@@ -221,6 +221,7 @@ def print_table(title: str, rows: Sequence[Mapping[str, object]], *, wide: bool 
 
 
 def _make_column(name: str, rows: Sequence[Mapping[str, object]]) -> _Column:
+    """Make a column of the cells of a name, formatted; limits are not rounded."""
     # a limit is what was agreed, not a figure to be rounded
     is_limit = name.startswith(("lower", "upper"))
     values = [row.get(name) for row in rows]
@@ -228,7 +229,7 @@ def _make_column(name: str, rows: Sequence[Mapping[str, object]]) -> _Column:
 
 
 def _find_line_width() -> int:
-    """Return how many letters a line has: what the environment names, else the usual."""
+    """Return the width of a line [letters]: that of COLUMNS in the environment, else `_WIDTH`."""
     return int(os.environ.get("COLUMNS", "0") or 0) or _WIDTH
 
 
@@ -429,7 +430,7 @@ def _list_files(place: Path) -> list[Path]:
 
 
 def _read_time_and_size(path: Path) -> tuple[int, int]:
-    """Return what changes when a file is written: its time [ns] and size [bytes]."""
+    """Return when a file was changed [ns] and its size [bytes]."""
     found = path.stat()
     return found.st_mtime_ns, found.st_size
 
@@ -443,7 +444,10 @@ def _read_hashes(file: Path, key: str) -> dict[str, str]:
 
 
 def _remember_written_files(folder: Path, written: Sequence[Path]) -> None:
-    """Keep the hashes of what was written, but for the files that a build's manifest names."""
+    """Record the hashes of written files in a note in the folder, for `protect_output`.
+
+    Files that a build's manifest names are left out.
+    """
     built = _read_hashes(folder / "manifest.json", "outputs")
     before = _read_hashes(folder / _MEMORY, "written")
     hashes = dict(before)

@@ -336,7 +336,7 @@ def _predict_table(
 
 
 def _find_single_input(files: list[Path], model: Path | None) -> Path:
-    """Return the one table or session that was named."""
+    """Return the only file that was named: a table, or with a model the folder of a session."""
     from stepblocks.files.text_table import is_table_name
 
     if len(files) == 1:

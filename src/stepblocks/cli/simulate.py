@@ -45,7 +45,7 @@ _OBSERVER = "Simulated participants"
 
 
 def _read_trial_counts(text: str) -> dict[str, int]:
-    """Read numbers of trials by block, as ``block=trials``."""
+    """Read how many trials each block has, as ``block=trials`` separated by commas."""
     read = make_whole_number_reader(1, 10_000)
     pairs = read_pairs(text, "block=trials")
     return {block: read(count) for block, count in pairs.items()}

@@ -59,6 +59,7 @@ class Scale(tuple[int, int]):
 
 
 def _read_scale(text: str) -> Scale:
+    """Read the lowest and the highest rating, as ``LOW-HIGH``."""
     low, dash, high = text.partition("-")
     if not (
         dash and low.isdecimal() and high.isdecimal() and len(text) < 40 and int(low) < int(high)

@@ -287,7 +287,7 @@ class _NoRoom:
 
 
 def _is_disk_unwritable(error: BaseException | None) -> bool:
-    """Tell whether an error, or what it was raised from, says that a disk cannot be written."""
+    """Tell whether an error, or one in its chain of causes, says that a disk cannot be written."""
     while error is not None:
         if isinstance(error, OSError) and error.errno in _NO_ROOM:
             return True
@@ -387,7 +387,7 @@ def _wait_for_result(client: "Client", future: "Future[Any]") -> Any:
 
 
 def _find_worker_address() -> str:
-    """Return the address of the worker that runs this call."""
+    """Return the address of the worker that runs this call, as messages name it."""
     from distributed import get_worker
 
     return str(get_worker().address)

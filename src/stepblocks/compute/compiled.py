@@ -17,11 +17,11 @@ __all__ = ["njit", "numba"]
 
 
 def _probe_cache() -> None:
-    """Stand for any function of this package whose compiled form is to be kept."""
+    """Do nothing: it is compiled to try whether Numba can keep compiled functions."""
 
 
 def _load_numba_with_cache() -> Any:
-    """Return Numba, with a folder of this process and its children where it finds none."""
+    """Return Numba; where it can keep compiled functions nowhere, give it a temporary folder."""
     try:
         compiler.njit(cache=True)(_probe_cache)
     except RuntimeError:

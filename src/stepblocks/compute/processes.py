@@ -189,7 +189,7 @@ def _begin_worker(settings: Mapping[str, str]) -> None:
 
 
 def end_with_parent() -> None:
-    """Let this process end when its parent does; call it at a worker's start."""
+    """Arrange that this process ends when its parent does; call it at a worker's start."""
     import multiprocessing
 
     parent = os.getppid()
@@ -205,7 +205,7 @@ def end_with_parent() -> None:
 
 
 def _ask_kernel_to_kill() -> bool:
-    """Let the kernel kill this process when its parent ends; return whether it will."""
+    """Ask the kernel to kill this process when its parent ends; return whether it will."""
     import ctypes
 
     try:
@@ -238,7 +238,7 @@ def _end_with_process(pid: int) -> None:
 
 
 def kill_child_processes() -> None:
-    """Kill every process below this one, and wait for their ends.
+    """Kill all descendants of this process, and wait for their ends.
 
     Trackers of shared memory end by themselves.
     """

@@ -50,7 +50,7 @@ def load_set(path: str | Path) -> StimulusSet:
 
 
 def validate_file_tables(raw: Document, path: Path, mistakes: list[Mistake]) -> StimulusSet:
-    """Validate the tables of a stimulus file, which is at a place or will be written there.
+    """Validate the tables of a stimulus file and return its set; the file need not exist yet.
 
     Parameters
     ----------

@@ -167,7 +167,7 @@ def _list_stepped_values(name: str, table: Mapping[str, object]) -> list[str]:
 
 
 def _guess_dimension(text: object) -> str:
-    """Tell whether a quantity is an angle or, as far as is known, a length."""
+    """Return ``"angle"`` for a quantity with a unit of angle, else ``"length"``."""
     if not _has_dimension(text, "length") and _has_dimension(text, "angle"):
         return "angle"
     return "length"
@@ -188,7 +188,8 @@ def _fill_identity(stanza: Mapping[str, object]) -> object:
     if not isinstance(template, str):
         return template
 
-    def fill(match: re.Match[str]) -> str:
+    def fill_placeholder(match: re.Match[str]) -> str:
+        """Return the nominal value of the field that a placeholder names, in its unit."""
         dimension = stanza.get(match["field"])
         nominal = dimension.get("nominal") if isinstance(dimension, dict) else dimension
         if match["unit"] is None or nominal is None:
@@ -199,7 +200,7 @@ def _fill_identity(stanza: Mapping[str, object]) -> object:
         value = parse_quantity(nominal, _guess_dimension(nominal)) * _UNITS[match["unit"]]
         return _format_placeholder(value, int(match["digits"] or 1))
 
-    return _PLACEHOLDER.sub(fill, template)
+    return _PLACEHOLDER.sub(fill_placeholder, template)
 
 
 def _format_placeholder(value: float, digits: int) -> str:

@@ -337,7 +337,7 @@ def _make_model_of_kinds(kinds: tuple[tuple[str, type[Part]], ...]) -> type[Tabl
 
 
 def validate_set(declared: Mapping[str, object], origin: Origin = Origin.FILE) -> StimulusSet:
-    """Validate what a file, or Python, declares."""
+    """Validate the declaration of a set, of a file or of Python, and return the set."""
     fields = dict(make_file_model().model_validate(declared, context=origin))
     parts: list[Part] = []
     for stanza in list_kinds():

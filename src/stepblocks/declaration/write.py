@@ -63,7 +63,7 @@ def _convert_fields(table: Table, left_out: Container[str] = ()) -> dict[str, ob
 
 
 def _find_read_dimension(annotations: Iterable[object]) -> str:
-    """Find the quantity that a field's annotations read; a plain number is a ratio."""
+    """Find the dimension that a field's validator reads; ``"ratio"`` for a plain number."""
     for validator in _list_quantity_validators(annotations):
         return validator.dimension
     return "ratio"

@@ -63,7 +63,7 @@ class FolderClaim:
         return store.has_any(self.file_name)
 
     def _read_digest(self, store: ResultStore) -> object:
-        """Digest of the plan that a folder was filled by."""
+        """Read the digest of the plan that a folder was filled by."""
         try:
             content = store.read(self.file_name) or b""
             return json.loads(content.decode("utf-8")).get("digest")

@@ -57,7 +57,7 @@ class _Answer:
 
 @contextmanager
 def read_in_this_process() -> Iterator[None]:
-    """Let `read_confined` call its readers in this process, for files that it wrote itself.
+    """Let `read_confined` read in this process within the block, for files that it wrote itself.
 
     A process of its own loads the CAD kernel and the readers of meshes a second time, which takes
     longer than to build a block.
@@ -238,7 +238,7 @@ def _answer_request(request: Mapping[str, Any]) -> _Answer:
 
 
 def _refuse_object_arrays(values: Mapping[str, object]) -> None:
-    """Raise for an array whose bytes cannot be sent."""
+    """Refuse arrays of Python objects, whose bytes cannot be sent."""
     for value in values.values():
         if isinstance(value, np.ndarray) and value.dtype.hasobject:
             raise TypeError("objects where numbers should be")

@@ -132,7 +132,7 @@ def read_dates(texts: Sequence[str], name: str) -> DateColumn:
 
 
 def _parse_date(text: str) -> _Written | None:
-    """Return the parts of a date; None where a text is none."""
+    """Return the parts of a date; None where a text is not a date."""
     text = text.strip()
     if len(text) > _LONGEST:
         return None
@@ -215,7 +215,7 @@ def _find_orders(
 def _convert_dates(
     written: Sequence[_Written | None], order: DateOrder, texts: Sequence[str], name: str
 ) -> NDArray[np.float64]:
-    """Return the seconds of each date in an order; NaN where there is none."""
+    """Return each date in seconds since the beginning of 1970; NaN where there is none."""
     seconds = np.full(len(written), np.nan)
     for row, date in enumerate(written):
         if date is None:
@@ -230,7 +230,7 @@ def _convert_dates(
 
 
 def _convert_to_seconds(date: _Written, order: DateOrder) -> float:
-    """Return the seconds of a date since the begin of 1970."""
+    """Return a date in seconds since the beginning of 1970."""
     parts = date.parts
     day = _NO_DATE
     if "year" in parts:

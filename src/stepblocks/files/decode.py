@@ -59,7 +59,7 @@ class DecodedText:
 
 
 def find_encoding_name(name: str) -> str:
-    """Return an encoding by the name that Python has for it; refuse what is none of text."""
+    """Return Python's name of an encoding; raise a ValueError if it is not one of text."""
     try:
         known = codecs.lookup(name).name
     except (LookupError, ValueError):
@@ -108,7 +108,7 @@ def decode_text(
 
 
 def decode_unicode(raw: bytes) -> str:
-    """Decode UTF-8, or what the mark at the begin of a text says; the mark is left out.
+    """Decode UTF-8, or the encoding of the byte order mark; the mark is left out.
 
     Raises
     ------
@@ -122,7 +122,7 @@ def decode_unicode(raw: bytes) -> str:
 
 
 def strip_byte_order_mark(text: str) -> str:
-    """Return a text without the byte order mark that it may begin with."""
+    """Return a text without the byte order mark at its beginning, if there is one."""
     return text.removeprefix(_MARK)
 
 
@@ -139,7 +139,7 @@ def _decode_as(raw: bytes, encoding: str, place: object, raises: type[Stepblocks
 
 
 def _find_unmarked_utf16(raw: bytes) -> str:
-    """Return the UTF-16 that a text without a mark is written in; empty where it is none."""
+    """Return ``utf-16-le`` or ``utf-16-be`` for UTF-16 without a mark, else an empty text."""
     probe = raw[:_PROBED_BYTES]
     probe = probe[: len(probe) - len(probe) % 2]
     if len(probe) < 4:
@@ -157,7 +157,7 @@ def _find_unmarked_utf16(raw: bytes) -> str:
 def _decode_western(
     raw: bytes, reason: UnicodeDecodeError, place: object, raises: type[StepblocksError]
 ) -> str:
-    """Decode bytes that are no UTF-8 by the code page of Western Windows."""
+    """Decode bytes that are not UTF-8 by the code page of Western Windows."""
     try:
         return raw.decode(_WESTERN)
     except UnicodeDecodeError as error:

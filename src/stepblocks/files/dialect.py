@@ -233,7 +233,7 @@ def _count_fitting_rows(records: Sequence[Record], columns: int) -> int:
 
 
 def _split_without_last_lines(dialect: Dialect, sample: str) -> list[Record]:
-    """Split a sample that ends within a quoted cell, without its last lines."""
+    """Split a sample that ends within a quoted cell, up to the row before that cell."""
     records = []
     try:
         for record in dialect.split(sample):
@@ -253,7 +253,7 @@ def count_cells(cells: Sequence[str]) -> int:
 
 
 def _compute_number_share(records: Iterable[Record]) -> float:
-    """Return the share of the filled cells that are numbers or say that one is missing."""
+    """Compute the share of the filled cells that are numbers or stand for a missing one."""
     numbers = 0
     filled = 0
     for record in records:

@@ -120,7 +120,7 @@ def read_missing_value(text: str) -> float | str:
 
 
 def _check_encoding(name: str) -> str:
-    """Return an encoding by Python's name for it; refuse one that is none of text."""
+    """Return Python's name of an encoding; refuse one that is not of text."""
     try:
         return find_encoding_name(name)
     except (ValueError, TypeError) as error:

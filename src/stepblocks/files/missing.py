@@ -147,7 +147,7 @@ def list_missing_words(cells: Sequence[str]) -> tuple[str, ...]:
 
 
 def _is_empty_or_nan(cell: str) -> bool:
-    """Tell whether a cell is empty or not-a-number, and so needs no note."""
+    """Tell whether a cell is empty or ``nan``, and so needs no note."""
     return cell.strip().lower().lstrip("+-") in ("", "nan")
 
 
@@ -192,7 +192,7 @@ def blank_fill_values(
 
 
 def _choose_outlying_fills(rest: NDArray[np.float64], present: Sequence[float]) -> list[float]:
-    """Return the fill values that stand far off all other numbers of their column."""
+    """Return the fill values that are far larger than all other numbers of their column."""
     finite = np.abs(rest[np.isfinite(rest)])
     if not finite.size:
         return []
@@ -201,7 +201,7 @@ def _choose_outlying_fills(rest: NDArray[np.float64], present: Sequence[float]) 
 
 
 def _match_fills(values: NDArray[np.float64], fills: Sequence[float]) -> NDArray[np.bool_]:
-    """Tell which numbers of a column are one of some fill values."""
+    """Return a mask of the numbers that equal one of some fill values."""
     is_fill = np.zeros(values.shape, dtype=bool)
     for fill in fills:
         is_fill |= _match_fill(values, fill)
@@ -209,7 +209,7 @@ def _match_fills(values: NDArray[np.float64], fills: Sequence[float]) -> NDArray
 
 
 def _match_fill(values: NDArray[np.float64] | np.float64, fill: float) -> NDArray[np.bool_]:
-    """Tell which numbers of a column are a fill value; one beyond all bounds may be rounded."""
+    """Return a mask of the numbers that equal a fill value; a huge one may be rounded."""
     if abs(fill) < _HUGE:
         return np.asarray(values == fill)
     return np.asarray(np.abs(values - fill) <= _ROUNDING * abs(fill))

@@ -191,7 +191,7 @@ def find_notation(texts: Iterable[str]) -> NumberNotation:
 
 
 def _classify_sign(text: str) -> _Sign:
-    """Say what a number shows about the decimal sign; nothing where it is no number."""
+    """Classify what a number shows of the decimal sign: `NOTHING` where it is not a number."""
     parsed = _NUMBER.fullmatch(simplify_number(text))
     if parsed is None:
         return _Sign.NOTHING

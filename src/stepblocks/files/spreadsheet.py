@@ -112,7 +112,7 @@ def _name_first_merged(ranges: list[tuple[tuple[int, int], tuple[int, int]]] | N
 
 
 def _list_merged_in_ods(path: Path, sheet: str) -> Iterator[str]:
-    """Yield the merged cells of a sheet of LibreOffice, which calamine does not tell."""
+    """Yield the merged cells of a sheet of LibreOffice, which calamine does not report."""
     from lxml import etree
 
     with zipfile.ZipFile(path) as archive, archive.open("content.xml") as content:
@@ -139,5 +139,5 @@ def _list_merged_in_table(table: Any) -> Iterator[str]:
 
 
 def _read_positive_count(attributes: Mapping[str, str], name: str) -> int:
-    """Return a count that an element of a document states; 1 where it states none."""
+    """Return how often a cell is repeated or how far it spans; 1 where it is not stated."""
     return int(attributes.get(f"{_TABLE}{name}", "1"))

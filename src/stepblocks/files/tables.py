@@ -368,7 +368,7 @@ class _ColumnReading:
         return self.source.name_row(row, self.column)
 
     def format_wrong_cell(self, row: int, value: object) -> str:
-        """Write a cell that is no finite number as its file does."""
+        """Write a cell that is not a finite number as its file does, for a message."""
         if isinstance(value, np.generic):
             value = value.item()
         if self.source is None or not isinstance(value, float):
@@ -382,7 +382,7 @@ class _ColumnReading:
 
 
 def _map_columns_to_known(frame: "pd.DataFrame", units: Mapping[str, str]) -> dict[str, str]:
-    """Return the known name that each column of a table means, by the column's own name."""
+    """Map the columns of a table to the known names that they mean; others are left out."""
     present = {}
     for column in frame.columns:
         meaning = find_column_name(str(column), units)
@@ -420,7 +420,8 @@ def _convert_column(
     if allow_missing:
         is_wrong &= np.isinf(numbers) | _find_word_cells(cells)
     for row in np.flatnonzero(is_wrong).tolist():
-        rule = f"{cells.name} must be a finite number, got {reading.format_wrong_cell(row, cells.iloc[row])}"
+        got = reading.format_wrong_cell(row, cells.iloc[row])
+        rule = f"{cells.name} must be a finite number, got {got}"
         mistakes.append((reading.name_row(row), rule))
     factor = 1.0
     if reading.unit:
@@ -438,7 +439,7 @@ def _holds_objects(cells: "pd.Series") -> bool:
 
 
 def _find_word_cells(cells: "pd.Series") -> NDArray[np.bool_]:
-    """Tell which cells of a column are texts that stand for no number, shape (rows,)."""
+    """Return a mask of the cells that are neither a number nor missing, shape (rows,)."""
     if not _holds_objects(cells):
         return np.zeros(len(cells), dtype=bool)
     return np.array([_is_word(cell) for cell in cells], dtype=bool)

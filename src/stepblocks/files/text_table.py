@@ -183,7 +183,7 @@ class TextTable:
         return replace(found, words=words)
 
     def require_numbers(self, column: int, raises: type[StepblocksError]) -> FillFound:
-        """Read a column of numbers, and raise with name and place where a cell is none."""
+        """Read a column of numbers; raise with name and place where a cell is not a number."""
         try:
             return self.read_numbers(column)
         except CellError as error:
@@ -281,7 +281,7 @@ def is_sheet(path: Path) -> bool:
 
 
 def read_names(path: Path) -> tuple[str, ...]:
-    """Return what the first row of a file names, without a complaint where it is no table."""
+    """Return the names in the first row of a table; none where the file is not a table."""
     if not is_table_name(path) or not path.is_file():
         return ()
     try:
@@ -422,7 +422,7 @@ def _are_numbers(cells: Sequence[str]) -> bool:
 
 
 def _count_columns(records: Sequence[Record], names: Sequence[str]) -> int:
-    """Return the number of columns: of the header, else of the rows without what they end in."""
+    """Count the columns: those of the header, else of the rows without trailing empty cells."""
     if names:
         return count_cells(names)
     filled = max((count_cells(record.cells) for record in records), default=0)
@@ -431,7 +431,7 @@ def _count_columns(records: Sequence[Record], names: Sequence[str]) -> int:
 
 
 def _all_have_width(records: Sequence[Record], width: int) -> bool:
-    """Tell whether all rows have some number of cells."""
+    """Tell whether all rows have `width` cells."""
     return {len(record.cells) for record in records} <= {width}
 
 
@@ -468,7 +468,7 @@ def _refuse_ragged_rows(
 
 
 def _drop_trailing_cells(records: list[Record], width: int) -> bool:
-    """Leave out empty cells behind the last column, and say whether there were any."""
+    """Drop empty cells after the last column, in place; return whether there were any."""
     if _all_have_width(records, width):
         return False
     has_trailing = False
@@ -569,9 +569,9 @@ def _find_row_with(table: TextTable, cell: str) -> int:
 
 
 def _list_cells_for_notation(table: TextTable) -> Iterator[str]:
-    """Yield the cells that may tell a decimal comma: those of columns of numbers with a comma.
+    """Yield the cells by which the notation is found: all of columns that are mostly numbers.
 
-    Where none has a comma, the plain numbers need no look.
+    None where no such column has a comma: plain numbers need no search.
     """
     columns: Iterable[int] = range(table.column_count)
     with_comma = [column for column in columns if _has_comma(table, column)]

@@ -79,7 +79,7 @@ def _list_statements(text: str) -> Iterator[tuple[int, list[str]]]:
 
 
 def _add_statement(words: Sequence[str], content: _Content) -> None:
-    """Add what one statement says."""
+    """Add the vertex, normal or polygon of one statement to the content; leave out others."""
     keyword, *values = words
     if keyword == "v":
         content.vertices.append(_read_vertex(values))
@@ -121,7 +121,7 @@ def _add_polygon(corners: Sequence[str], content: _Content) -> None:
 
 
 def _parse_index(text: str, count: int) -> int:
-    """Return an index from 0: OBJ counts from 1, and from -1 backwards."""
+    """Parse an index of OBJ, which counts from 1, or backwards from -1, into one from 0."""
     number = int(text)
     index = number - 1 if number > 0 else count + number
     if number == 0 or not 0 <= index < count:

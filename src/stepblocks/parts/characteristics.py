@@ -247,7 +247,7 @@ def make_edge_break_characteristic(edge_break: Dimension, *faces: Rule) -> Chara
 def make_location_characteristic(
     key: str, label: str, distance: float, *faces: Rule
 ) -> Characteristic:
-    """State how far away a feature lies [m], with the general tolerance of ISO 2768-m."""
+    """State the distance of a feature [m] between faces, with the tolerance of ISO 2768-m."""
     deviation = find_general_deviation(distance) or 0.0
     return Characteristic(
         key, label, "distance", distance, -deviation, deviation, 0, faces, MACHINE

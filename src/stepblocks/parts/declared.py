@@ -39,6 +39,7 @@ _LONGEST_IDENTITY = 40  # letters
 
 
 def _refuse_device_name(name: str) -> str:
+    """Return a name unchanged; refuse one that Windows reserves for a device."""
     if name in _WINDOWS_DEVICES:
         raise ValueError(f"must not be the name of a device, which Windows reserves, got {name!r}")
     return name
@@ -65,6 +66,7 @@ def make_rules_validator(check: Callable[[Any], Iterator[str]]) -> Any:
     """Make a validator of a whole table from a check that yields each broken rule."""
 
     def check_table(self: object) -> Any:
+        """Return a table unchanged; refuse one that breaks a rule."""
         broken_rules = list(check(self))
         if broken_rules:
             raise ValueError("\n".join(broken_rules))
@@ -103,9 +105,10 @@ class QuantityValidator(BeforeValidator):
 
 
 def make_positive_validator(dimension: str, *, or_zero: bool = False) -> QuantityValidator:
-    """Read a quantity in SI that must be positive, or may be zero."""
+    """Make a validator that reads a quantity in SI, which must be positive, or may be zero."""
 
-    def read(raw: object, info: ValidationInfo) -> float:
+    def read_quantity(raw: object, info: ValidationInfo) -> float:
+        """Read a quantity in SI, and refuse a wrong sign."""
         value = parse_plausible(raw, dimension, find_origin(info))
         if or_zero and not value >= 0.0:
             raise QuantityError(f"must not be negative, got {raw!r}")
@@ -113,7 +116,7 @@ def make_positive_validator(dimension: str, *, or_zero: bool = False) -> Quantit
             raise QuantityError(f"must be positive, got {raw!r}")
         return value
 
-    return QuantityValidator(read, dimension=dimension)
+    return QuantityValidator(read_quantity, dimension=dimension)
 
 
 def declare_default(
@@ -172,7 +175,7 @@ class Table(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _add_default_tolerances(cls, raw: object) -> Any:
-        """Put the usual tolerance of each field beside its value, for where none is stated."""
+        """Add the default tolerance of each field to its value, where none is stated."""
         if not isinstance(raw, dict):
             return raw
         table = dict(raw)
@@ -232,7 +235,8 @@ class Sourced:
 def make_sourced_validator(quantity: str) -> BeforeValidator:
     """Make a validator that reads a positive value with its source."""
 
-    def read(raw: object, info: ValidationInfo) -> Sourced:
+    def read_sourced(raw: object, info: ValidationInfo) -> Sourced:
+        """Read a table with a positive value and its source."""
         if isinstance(raw, Sourced):
             return raw
         if not isinstance(raw, dict) or set(raw) != {"value", "source"}:
@@ -245,11 +249,11 @@ def make_sourced_validator(quantity: str) -> BeforeValidator:
             raise QuantityError(f"value must be positive, got {raw['value']!r:.60}")
         return Sourced(value, quantity, source)
 
-    return BeforeValidator(read)
+    return BeforeValidator(read_sourced)
 
 
 def read_none_as_absent(raw: object) -> object:
-    """Read ``"none"`` as the absence of a feature."""
+    """Return None for ``"none"``, the absence of a feature; anything else unchanged."""
     return None if raw == "none" else raw
 
 

@@ -171,7 +171,7 @@ def resolve_felt_tolerance(part: Part, grid: PredictionGrid) -> Part:
 
 
 def _set_felt_limits(size: Dimension, limit: Deviations) -> Dimension:
-    """Return a dimension with limits by what is felt."""
+    """Return a dimension with deviations that follow from what is felt."""
     return replace(
         size, upper=limit.upper, lower=limit.lower, usual=False, general=False, by_feel=True
     )
@@ -180,7 +180,10 @@ def _set_felt_limits(size: Dimension, limit: Deviations) -> Dimension:
 def _list_releasing_conditions(
     part: Part, grid: PredictionGrid
 ) -> Iterator[tuple[Counterface, OperatingPoint]]:
-    """Yield the conditions that release; the load scales all energies alike."""
+    """Yield counterface and condition wherever the tip is released, all at the first load.
+
+    The load scales all energies alike.
+    """
     face = part.counterface()
     for radius, friction in product(grid.tip_radii, grid.coefficients):
         point = grid.first_point(ball_radius=radius, friction=friction)

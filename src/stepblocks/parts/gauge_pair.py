@@ -111,7 +111,7 @@ def _make_pair(lower: float, upper: float, grade: str) -> GaugePair:
 
 
 def make_gauge_base(block: StepBlock, pair: GaugePair) -> Body:
-    """Choose the base: the body that is asked for, enlarged where the gauge blocks need it.
+    """Make the base of a pair: the body of the block, enlarged where the gauge blocks need it.
 
     Base and lower gauge block together are as thick as the body, where 3 mm are left for the
     base and its holes keep their depth.

@@ -48,7 +48,7 @@ def _make_path(text: str) -> Any:
 
 
 def _find_right_end(text: str) -> float:
-    """Return the right end of a text."""
+    """Return the x of the right end of a text whose capitals are 1 high."""
     return float(_make_path(text).vertices[:, 0].max())
 
 

@@ -125,7 +125,10 @@ def _find_path_of_draw(offsets: Array, towards: Sequence[float], path: Path) -> 
 
 
 def _remove_far_triangles(mesh: Any, around: Array) -> Array:
-    """Leave only triangles near a line in a mesh; return the radii about their centres [m]."""
+    """Remove the triangles far from a line, in place; return the radii of those kept [m].
+
+    The radius of a triangle is its farthest corner's distance from the centre.
+    """
     from scipy.spatial import cKDTree
 
     corners = mesh.triangles - mesh.triangles_center[:, None]
@@ -207,7 +210,7 @@ def _refuse_unusable_mesh(mesh: Any, path: Path) -> None:
 
 
 def _refuse_size_of_no_tooth(mesh: Any, path: Path) -> None:
-    """Refuse a mesh [m] that is no tooth: its unit is another."""
+    """Refuse a mesh [m] whose size is not that of a tooth, as in a wrong unit."""
     size = float(mesh.extents.max())
     if not _SMALLEST <= size <= _LARGEST:
         raise StimulusError(
@@ -217,7 +220,7 @@ def _refuse_size_of_no_tooth(mesh: Any, path: Path) -> None:
 
 
 def _refuse_points_off_mesh(picked: Array, points: Array, longest_edge: float, path: Path) -> None:
-    """Refuse picked points, shape (n, 3), that lie off the points of a mesh [m]."""
+    """Refuse picked points, shape (n, 3), that lie too far from the points of a mesh [m]."""
     from scipy.spatial import cKDTree
 
     distances, _ = cKDTree(points).query(picked)

@@ -23,7 +23,7 @@ _DRAWN = ((0x20, 0x7E), (0xA0, 0x52F), (0x1E00, 0x1FFF), (0x2010, 0x2044), (0x20
 
 
 def _require_drawable_text(text: str) -> str:
-    """Refuse text with a sign that a drawing cannot show."""
+    """Return a text unchanged; refuse one with a sign that a drawing cannot show."""
     for sign in text:
         is_drawn = any(first <= ord(sign) <= last for first, last in _DRAWN)
         if not is_drawn or not sign.isprintable():
@@ -77,7 +77,7 @@ class Material(Table):
 
     @property
     def family(self) -> "Family | None":
-        """What ways of making ask of it; None where its designation does not tell."""
+        """Kind of material by which ways of making differ; None if its designation is not known."""
         for family, pattern in _FAMILY_WORDS:
             if re.search(pattern, self.designation, re.IGNORECASE):
                 if family is Family.STEEL and self.is_hardened:

@@ -85,7 +85,7 @@ def format_limits(nominal: float, lower: float, upper: float, quantity: str = "l
 
 
 def _format_degrees(radians: float) -> str:
-    """Write an angle [rad] in degrees."""
+    """Write an angle, given in radians, in degrees."""
     return f"{math.degrees(radians):.6g}°"
 
 

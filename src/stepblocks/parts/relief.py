@@ -107,7 +107,7 @@ class Relief(Table):
 
 
 def describe_untouched_balls(face: object) -> list[list[str]]:
-    """Say for people which balls a relief does not touch; nothing of a plain step."""
+    """Return a row that says which balls do not touch the relief; no row for a plain step."""
     if not isinstance(face, RelievedStep):
         return []
     return [["balls that do not reach the relief", describe_least_riding_ball(face)]]

@@ -72,7 +72,7 @@ def find_origin(info: ValidationInfo) -> Origin:
 
 
 def parse_declared(raw: object, quantity: str, origin: Origin) -> float:
-    """Read a quantity in SI; a number without a unit is read of Python alone.
+    """Read a quantity in SI; a number without a unit is allowed from Python alone.
 
     Raises
     ------
@@ -287,7 +287,8 @@ def _make_validator(
 ) -> BeforeValidator:
     """Make a validator of a dimension whose nominal value must be accepted; `rule` says when."""
 
-    def read(raw: object, info: ValidationInfo) -> Dimension:
+    def read_accepted_dimension(raw: object, info: ValidationInfo) -> Dimension:
+        """Read a dimension, and refuse one whose nominal value is not accepted."""
         dimension = _read_dimension(raw, quantity, find_origin(info))
         if accepts is None:
             return dimension
@@ -301,18 +302,21 @@ def _make_validator(
             )
         return dimension
 
-    return BeforeValidator(read)
+    return BeforeValidator(read_accepted_dimension)
 
 
 def _is_not_negative(value: float) -> bool:
+    """Tell whether a nominal value is 0 or positive."""
     return value >= 0.0
 
 
 def _is_positive(value: float) -> bool:
+    """Tell whether a nominal value is positive."""
     return value > 0.0
 
 
 def _is_angle_below_pi(value: float) -> bool:
+    """Tell whether an angle [rad] is from 0 to below pi."""
     return 0.0 <= value < math.pi
 
 

@@ -55,7 +55,7 @@ def group_by_participant(rows: Iterable[dict[str, str]]) -> dict[str, list[dict[
 
 
 def read_number_or_nan(text: str) -> float:
-    """Read a finite number; not-a-number where there is none."""
+    """Read a finite number; NaN for any other text."""
     try:
         value = float(text)
     except ValueError:

@@ -176,7 +176,7 @@ def _add_effect(frame: Table, plan: SimulatedStudy) -> Table:
 
 
 def simulate_difference_spread(plan: SimulatedStudy, seed: int) -> float:
-    """Find the standard deviation over participants of the last condition's difference.
+    """Find by simulation how participants scatter in the last less the first condition.
 
     It is that of the participants' means, last minus first condition, of a study with so many
     participants that it is known to a few per cent; in the unit of the measure.
@@ -548,7 +548,7 @@ def study_power(
 
 
 def _resolve_experiment(experiment: str) -> str:
-    """Return the kind of an experiment of which the power is known."""
+    """Return the kind of an experiment, an alias resolved; refuse one without a known power."""
     kind = ALIASES.get(experiment, experiment)
     if kind not in ("estimates", "virtual", "constant"):
         raise StudyError(

@@ -247,7 +247,7 @@ def _check_virtual_factors(factors: Mapping[str, Sequence[str]], between: Sequen
 
 
 def _complete_stated_prior(prior: Mapping[str, float], trials: int) -> Prior:
-    """Return what is known before the first trial, with the most trials if they are stated."""
+    """Complete a stated prior; where `trials` is not 0, it is the most that are run."""
     stated = dict[str, object]()
     if trials:
         stated["trials"] = trials

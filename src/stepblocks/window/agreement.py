@@ -148,7 +148,7 @@ def read_finding(output: Path) -> LoopFinding:
 
 
 def list_agreements(session: Path, output: Path) -> list[TrialAgreement]:
-    """Predict the trials of a session by the model of its loop, and divide what was measured by it.
+    """List the ratios of measured to predicted figures, by the model of a session's loop.
 
     Parameters
     ----------

@@ -66,6 +66,7 @@ class BenchForm:
             ui.timer(0.0, self._open, once=True)
 
     def _get_session_names(self) -> list[str]:
+        """Return the names of the sessions in the folder."""
         return self._folder.list_names(Kind.SESSION)
 
     async def _take_archive(self, event: events.UploadEventArguments) -> None:

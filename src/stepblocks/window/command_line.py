@@ -40,7 +40,7 @@ class ShownCommand:
 
 
 def protect_leading_hyphen(name: str) -> str:
-    """Return the name of a file as a word of a command, which no option begins like."""
+    """Return a file name as a word of a command: ``./`` before one that begins like an option."""
     if name.startswith("-"):
         return f"./{name}"
     return name
@@ -57,7 +57,7 @@ class Code:
 
 
 def format_object(name: str, *arguments: object, **fields: object) -> Code:
-    """Write the making of an object of the public face; what is not given is left out."""
+    """Format a call that makes an object of the public face; None is left out."""
     written = list(map(repr, arguments))
     for field, value in fields.items():
         if value is not None:
@@ -66,7 +66,7 @@ def format_object(name: str, *arguments: object, **fields: object) -> Code:
 
 
 def format_call(function: str, *arguments: object, **options: object) -> str:
-    """Write the lines of Python that call a function of the public face."""
+    """Format the lines of Python that call a function of the public face."""
     written = list(map(repr, arguments))
     written += [f"{name}={value!r}" for name, value in options.items()]
     return f"import stepblocks\n\nstepblocks.{function}({', '.join(written)})"

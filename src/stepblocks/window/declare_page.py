@@ -89,13 +89,14 @@ class DeclarePage:
     def _offer_to_discard(self, draft: Draft, open_again: Callable[[], object]) -> None:
         """Say that changes are shown that were never saved, and let them be discarded."""
 
-        def discard() -> None:
+        def discard_changes() -> None:
+            """Forget the unsaved changes, and open the file again."""
             self._left.forget(draft)
             open_again()
 
         with ui.row().classes("items-center"):
             ui.label(texts.LEFT_UNSAVED).props("role=status")
-            add_quiet_button(texts.DISCARD, discard)
+            add_quiet_button(texts.DISCARD, discard_changes)
 
 
 class DeclarationForm:
@@ -246,7 +247,8 @@ class DeclarationForm:
     def _make_writer(self, place: StanzaPlace, field: FormField) -> Callable[[], None]:
         """Return what puts the entry of a field into the draft."""
 
-        def write() -> None:
+        def write_entry() -> None:
+            """Write the entry into the draft, or keep why it is refused."""
             box = self._inputs[field.name]
             try:
                 self._draft.write_field(place, field.path, str(box.value or ""))
@@ -256,7 +258,7 @@ class DeclarationForm:
             self._offer_sliders_of(field)
             self._update_soon()
 
-        return write
+        return write_entry
 
     def _follow_model(self) -> None:
         """Predict by another model, and show the command that does."""
@@ -368,7 +370,7 @@ class DeclarationForm:
 def _are_sliders_current(
     shown: Mapping[tuple[str, str], Size], sizes: Mapping[tuple[str, str], Size]
 ) -> bool:
-    """Tell whether sliders that are shown go over these sizes, and over no others."""
+    """Tell whether the sliders that are shown cover these sizes, and no others."""
     if shown.keys() != sizes.keys():
         return False
     return all(size.range.holds(sizes[key].range) for key, size in shown.items())

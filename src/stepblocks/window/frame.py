@@ -187,16 +187,18 @@ def show_command(command: ShownCommand) -> None:
 
 
 def _format_aria_label(name: str) -> str:
-    """Return the property that names an element to who cannot see it."""
+    """Return the ARIA property that names an element for a screen reader."""
     return f'aria-label="{escape(name)}"'
 
 
 def _add_copy_button(label: str, text: str) -> None:
-    def copy() -> None:
+    """Add a button that copies a text to the clipboard, and says so."""
+
+    def copy_text() -> None:
         ui.clipboard.write(text)
         ui.notify(texts.COPIED)
 
-    add_quiet_button(label, copy).props("dense")
+    add_quiet_button(label, copy_text).props("dense")
 
 
 def add_quiet_button(label: str, on_click: Callable[[], object]) -> ui.button:

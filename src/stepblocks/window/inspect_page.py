@@ -285,7 +285,7 @@ class InspectForm:
         Whoever does not use a mouse picks it in the list below.
         """
         self._edge = None
-        image = ui.interactive_image(picture.image, on_mouse=lambda event: pick(event.image_x))
+        image = ui.interactive_image(picture.image, on_mouse=lambda event: pick_edge(event.image_x))
         image.props(f'alt="{texts.SCAN_PICTURE}"').classes("w-full").mark("picture")
         if len(picture.edges) < 2:
             return
@@ -294,16 +294,18 @@ class InspectForm:
         choice = ui.select(list(by_name), label=texts.WORKING_EDGE, clearable=True)
         choice.classes("w-full").mark("edge")
 
-        def pick(column: float) -> None:
+        def pick_edge(column: float) -> None:
+            """Choose the edge nearest to a column of the picture."""
             edge = picture.find_edge(column)
             if edge is not None:
                 choice.set_value(edge.name)
 
-        def take(event: events.ValueChangeEventArguments[str | None]) -> None:
+        def take_edge(event: events.ValueChangeEventArguments[str | None]) -> None:
+            """Take the chosen edge, and show the command for it."""
             self._edge = by_name.get(event.value or "")
             self._show_command()
 
-        choice.on_value_change(take)
+        choice.on_value_change(take_edge)
 
     def _answer_again(self) -> None:
         """Show the command for an answer that changed, once the scan was looked at."""

@@ -29,6 +29,7 @@ class LatestWork:
             background_tasks.create(self._do_until_done())
 
     async def _do_until_done(self) -> None:
+        """Do the work again until nobody has asked for it meanwhile."""
         try:
             while self._is_asked:
                 self._is_asked = False

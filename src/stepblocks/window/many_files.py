@@ -50,6 +50,6 @@ def take_many(
 
 
 def _read_file_count(event: events.GenericEventArguments) -> int:
-    """Return the number that the field tells."""
+    """Return the number of files that the field reports; 0 where it reports none."""
     count = event.args
     return count if isinstance(count, int) else 0

@@ -16,7 +16,7 @@ _GAIN = "expected_gain"  # of a setting
 
 
 def describe_reasons(finding: LoopFinding, asked: AskedExperiment) -> list[str]:
-    """Say why an experiment is asked for: what it tells apart, or what is open."""
+    """Describe why an experiment is proposed: which effects it separates, or what is open."""
     names = []
     for text in asked.separates:
         if finding.has_effect(text):
@@ -33,7 +33,7 @@ def describe_reasons(finding: LoopFinding, asked: AskedExperiment) -> list[str]:
 
 
 def list_next_steps(asked: AskedExperiment, output: str) -> list[str]:
-    """List what to do; `output` is the folder that the loop wrote, for the file of a block."""
+    """List what to do next; `output` is the folder of the loop, with the file of a block."""
     moves = [begin_sentence(move) for move in asked.calibration or ()]
     if asked.block is not None:
         moves.append(

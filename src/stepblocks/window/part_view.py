@@ -130,10 +130,10 @@ def _show_scene(part: Part, view: PartView) -> None:
 
 
 def _remove_fixed_size(svg: str) -> str:
-    """Let a drawing be as wide as the page has room."""
+    """Return an SVG without its size in its head, so that it fills the width of the page."""
     return _SVG_SIZE.sub(r"\1", svg, count=1)
 
 
 def _encode_as_address(content: bytes, kind: str) -> str:
-    """Return bytes as an address that holds them."""
+    """Return bytes of a media type as a data URL."""
     return f"data:{kind};base64,{base64.b64encode(content).decode()}"

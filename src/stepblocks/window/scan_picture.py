@@ -92,7 +92,7 @@ def draw_scan(path: Path, unit: str | None, channel: str | None) -> ScanPicture:
 
 
 def _describe_size_and_range(scan: "ScannedProfile | HeightMap") -> str:
-    """Say how many points a scan has, and how far it reaches."""
+    """Describe points, lengths and range of heights of a scan."""
     from stepblocks.scans.scan import ScannedProfile
 
     height = scan.height[np.isfinite(scan.height)]
@@ -154,7 +154,7 @@ def _mark_edges(axes: "Axes", edges: "Sequence[ScanEdge]") -> None:
 
 
 def encode_figure(figure: "Figure") -> str:
-    """Return a figure as an address that holds it."""
+    """Return a figure as the data URL of a PNG."""
     buffer = BytesIO()
     figure.savefig(buffer, format="png", dpi=_DOTS)
     return f"data:image/png;base64,{base64.b64encode(buffer.getvalue()).decode()}"

@@ -66,7 +66,7 @@ class Setting:
 
 
 def _list_channel_settings(channel: str, label: str) -> tuple[Setting, ...]:
-    """List what the form asks for of a channel: its column, its unit and its factor."""
+    """List the settings of a channel in the form: its column, its unit and its factor."""
     path = ("acquisition", "channels", channel)
     return (
         Setting(path, label, ChannelPart.COLUMN),

@@ -175,12 +175,13 @@ def add_slider(
     label = texts.SLIDE.format(field=name, unit=format_units(given.unit))
     ui.label(label)
 
-    def follow(event: events.ValueChangeEventArguments[float | None]) -> None:
+    def change_size(event: events.ValueChangeEventArguments[float | None]) -> None:
+        """Write the size of the slider into the entry."""
         if event.value is not None:
             write(size.write(read(), event.value))
 
     slider = ui.slider(
-        min=given.low, max=given.high, step=given.step, value=given.value, on_change=follow
+        min=given.low, max=given.high, step=given.step, value=given.value, on_change=change_size
     )
     slider.props(f'label aria-label="{label}"').classes("w-full").mark("slider")
 

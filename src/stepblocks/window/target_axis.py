@@ -113,7 +113,7 @@ class TargetAxis:
         return min(share, 1.0)
 
     def _draw_ticks(self) -> None:
-        """Mark round energies."""
+        """Draw a tick with its figure at each round energy."""
         self._scale.clear()
         with self._scale:
             for energy in list_round_energies(self._low, self._high):
@@ -198,7 +198,8 @@ class TargetAxis:
     def _make_key_handler(self, number: int) -> Callable[[events.GenericEventArguments], None]:
         """Return what a key does at a target."""
 
-        def press(event: events.GenericEventArguments) -> None:
+        def handle_key(event: events.GenericEventArguments) -> None:
+            """Take the target away, or move it by a step."""
             key = str(event.args)
             if key in _TAKE_AWAY:
                 self.take_away(number)
@@ -206,7 +207,7 @@ class TargetAxis:
                 factor = 10.0 ** (_STEPS[key] / _LEVEL)
                 self._set_energy(number, self._energies[number] * factor)
 
-        return press
+        return handle_key
 
     def add(self) -> None:
         """Add a target above the highest."""
@@ -244,5 +245,5 @@ def list_round_energies(low: float, high: float) -> list[float]:
 
 
 def _differ_as_written(energies: Sequence[float], shown: Sequence[float]) -> bool:
-    """Tell whether energies [J] are others than those shown, as they are written."""
+    """Tell whether energies [J] differ from those shown, to the digits that are written."""
     return Counter(map(format_target, energies)) != Counter(map(format_target, shown))

@@ -86,7 +86,7 @@ def draw_step_block_views(sheet: Sheet, block: StepBlock) -> list[str]:
 
 
 def _describe_inner_corners(relief: Relief | None) -> str:
-    """Say what is allowed where riser and lower face, or the relief between them, meet."""
+    """Describe what is allowed in the corner under the riser, or in the corners of a relief."""
     if relief is None:
         return "Root of the riser: fillet or undercut up to the height of the step is allowed."
     return "Inner corners of the relief (F): fillet up to half its depth is allowed."
@@ -149,6 +149,7 @@ def _draw_feature(sheet: Sheet, feature: MetrologyFeature, sizes: BodyOnPaper) -
 
 
 def _caption_detail(sheet: Sheet, place: Point, caption: str) -> None:
+    """Write the caption of a detail, its lower middle at a place on the paper."""
     sheet.write_text(place, caption, alignment=Alignment.BOTTOM_CENTER)
 
 
@@ -177,7 +178,7 @@ class _EdgeDetail:
 
 
 def _list_felt_edge_details(block: StepBlock) -> list[_EdgeDetail]:
-    """List the enlarged views of the edges of a block, that of the working edge first."""
+    """List the enlarged views of the edges that are felt, that of the working edge first."""
     first_edge, *further = block.list_felt_edges()
     second = block.second_step
     if second is None:

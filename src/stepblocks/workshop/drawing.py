@@ -115,7 +115,8 @@ def write_assembly_drawing(folder: Path, kit: Apparatus, order: OrderSpec) -> li
     """Draw the components of a kit where they stand, with the numbers of its parts list."""
     components = list_components(kit)
 
-    def draw() -> Sheet:
+    def draw_assembly_sheet() -> Sheet:
+        """Draw the components with title block."""
         sheet = Sheet([])
         draw_assembly_views(sheet, components)
         grams = 1e3 * math.fsum(component.mass for component in components)
@@ -128,7 +129,7 @@ def write_assembly_drawing(folder: Path, kit: Apparatus, order: OrderSpec) -> li
         draw_border(sheet, "Apparatus, assembly drawing", fields)
         return sheet
 
-    return write_sheet(folder, f"{kit.id}.assembly", FORMATS, draw)
+    return write_sheet(folder, f"{kit.id}.assembly", FORMATS, draw_assembly_sheet)
 
 
 def write_gauge_drawing(
@@ -156,7 +157,8 @@ def write_gauge_drawing(
     """
     judged = list(judge_assembly(block, pair, route))
 
-    def draw() -> Sheet:
+    def draw_gauge_sheet() -> Sheet:
+        """Draw the assembly of base and gauge blocks with title block."""
         sheet = Sheet(block.characteristics())
         draw_gauge_assembly_views(sheet, block, pair, judged)
         fields = {
@@ -169,7 +171,7 @@ def write_gauge_drawing(
         draw_border(sheet, "Step from two gauge blocks, assembly drawing", fields)
         return sheet
 
-    return write_sheet(folder, f"{block.id}.gauge", FORMATS, draw)
+    return write_sheet(folder, f"{block.id}.gauge", FORMATS, draw_gauge_sheet)
 
 
 def draw_part_sheet(

@@ -217,7 +217,7 @@ def _format_gauge_length(length: float) -> str:
 
 
 def _tabulate_reached_characteristics(sheet: Sheet, judged: Iterable[JudgedCharacteristic]) -> None:
-    """Draw the table of the characteristics that the assembly has, by what decides."""
+    """Draw the table of the characteristics that the assembly reaches or misses, with reasons."""
     numbers: dict[Contribution, list[int]] = {}
     for item in judged:
         numbers.setdefault(item.contribution, []).append(item.number)
@@ -247,7 +247,7 @@ def format_numbers(numbers: Iterable[int]) -> str:
 
 
 def _list_assembly_notes(pair: GaugePair) -> list[str]:
-    """List the step that results, and how the parts are prepared, wrung and held."""
+    """List the notes on the resulting step, and on preparing, wringing and holding the parts."""
     lengths = f"{_format_gauge_length(pair.upper)} - {_format_gauge_length(pair.lower)}"
     height = _format_gauge_length(pair.upper - pair.lower)
     std = _format_micrometres(0.5 * pair.expected)

@@ -85,7 +85,7 @@ def write_kit(folder: Path, kit: Apparatus, order: OrderSpec) -> list[Path]:
 
 
 def _refuse_interferences(kit: Apparatus) -> None:
-    """Refuse a kit of which components are in each other's way."""
+    """Refuse a kit in which components share volume somewhere on the travel."""
     found = find_interferences(list_components(kit), kit.travel.nominal)
     if not found:
         return

@@ -133,7 +133,7 @@ def _surrounds(box: Box, rod: Cylinder) -> bool:
 def _cut_gap_out(
     intervals: Sequence[tuple[float, float]], gap: tuple[float, float]
 ) -> list[tuple[float, float]]:
-    """Cut an interval out of others [m]."""
+    """Cut a gap out of intervals; return what is left of them [m]."""
     left = []
     for start, end in intervals:
         before = (start, min(end, gap[0]))

@@ -65,7 +65,7 @@ class SetupLine:
 
 
 def _holds_axis_at(box: Box, bore: Cylinder, place: float) -> bool:
-    """Tell whether a box has the axis of a bore in it at a place along the axis [m]."""
+    """Tell whether a box holds the point on the axis of a bore at a coordinate [m]."""
     point = list(bore.start)
     point[bore.axis_index] = place
     return all(box.low[axis] - _SAME < point[axis] < box.high[axis] + _SAME for axis in range(3))

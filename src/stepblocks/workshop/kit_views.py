@@ -253,6 +253,7 @@ def _covers(box: Box, solid: Box, direction: _Direction) -> bool:
 
 
 def _draw_box(paper: Paper, view: _PlacedView, box: Box, layer: Layer) -> None:
+    """Draw the rectangle that a view shows of a box."""
     outline = _trace_box(view, box)
     paper.draw_rectangle(outline.low, outline.high, layer)
 
@@ -297,7 +298,7 @@ def _label_cylinders(sheet: Sheet, view: _PlacedView, component: Component) -> N
 
 
 def _collect_drawn_lines(view: _PlacedView, component: Component) -> DrawnLines:
-    """List what a view shows of a component; its texts stand over and right of its lower left."""
+    """Collect what a view shows of a component, which labels must not strike."""
     outline = _trace_box(view, view.extent)
     low_x, low_y = outline.low
     high_x, high_y = outline.high
@@ -354,7 +355,7 @@ def _find_caption_place(view: _PlacedView) -> Point:
 
 
 def _format_caption(view: _PlacedView) -> str:
-    """Word the caption of a view."""
+    """Format the caption of a view: its name and scale."""
     return f"{view.direction.name} {format_scale(view.scale)}"
 
 

@@ -167,7 +167,7 @@ def _place_blocks(blocks: Sequence[StepBlock]) -> list[Place]:
 
 
 def _convert_polygon(polygon: Shape, layer: int) -> list[Any]:
-    """Turn a polygon into polygons of GDSII, which have no holes."""
+    """Convert a polygon to polygons of GDSII, which have no holes."""
     gdstk = load_gdstk()
     outer = gdstk.Polygon(polygon.exterior.coords[:-1], layer)
     holes = [gdstk.Polygon(ring.coords[:-1], layer) for ring in polygon.interiors]
@@ -190,7 +190,7 @@ def find_rule_faults(shapes: Shape) -> Iterator[str]:
 
 
 def _offset_shapes(shapes: Shape, distance: float) -> Shape:
-    """Grow shapes to all sides, or shrink them, with their corners kept."""
+    """Offset the outlines of shapes outwards, or inwards by a negative distance; corners stay."""
     return shapely.buffer(shapes, distance, join_style="mitre", mitre_limit=50.0)
 
 

@@ -100,6 +100,7 @@ def _load_shipped_fonts() -> tuple[object, dict[str, object]]:
 
 
 def _find_font_folder() -> Path:
+    """Return the folder of the fonts that matplotlib ships."""
     return Path(mpl.get_data_path()) / "fonts" / "ttf"
 
 

@@ -256,7 +256,7 @@ def _find_deviation(process: Process, height: float, variant: _Variant) -> float
 
 
 def _list_demands_without_figures(block: StepBlock) -> Iterator[str]:
-    """List what is asked of the step and its faces, and of which no route has figures."""
+    """List the demands on a block of which no route has figures, the material among them."""
     if block.material.family is None:
         yield "material"
     for characteristic in block.characteristics():

@@ -61,7 +61,7 @@ class Band:
         return 0.5 * (self.high - self.low)
 
     def add(self, band: "Band") -> "Band":
-        """Return all sums with the values of a band."""
+        """Return the band of all sums with the values of another band."""
         return Band(self.low + band.low, self.high + band.high)
 
     def narrow(self, half_width: float) -> "Band":

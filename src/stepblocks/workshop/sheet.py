@@ -90,6 +90,7 @@ class _Leader:
 
     @classmethod
     def between(cls, tip: Point, elbow: Point) -> "_Leader":
+        """Place a leader from a text at `elbow` to `tip`, its shelf away from the tip."""
         elbow_x, y = elbow
         side = 1.0
         alignment = Alignment.MIDDLE_LEFT
@@ -404,7 +405,7 @@ class Sheet(Paper):
         return use_decimal_comma(format_zone(zone))
 
     def draw_pointer_to_face(self, face: Point, start: Point) -> None:
-        """Lead from the left side of a frame straight to a face."""
+        """Draw a pointer from the left side of a frame straight to a face."""
         self.draw_pointer(start, (face[0], start[1]), face)
 
     def draw_datum(self, tip: Point, letter: str) -> None:

@@ -110,14 +110,14 @@ def _list_cylinder_characteristics(
 
 
 def _choose_bore_method(component: Component, cylinder: Cylinder) -> str:
-    """Choose pin gauges for a fit in a bore, into which no micrometer goes; else the usual one."""
+    """Choose pin gauges for a bore with a fit; empty for the method that its tolerance needs."""
     if cylinder in component.rods or cylinder.deviations is None:
         return ""
     return "pin gauges"
 
 
 def _make_diameter_dimension(cylinder: Cylinder) -> Dimension:
-    """Return the diameter with its own deviations, or the general ones."""
+    """Make the dimension of a diameter with its own deviations, or the general ones."""
     if cylinder.deviations is None:
         return _make_general_dimension(cylinder.diameter)
     upper, lower = cylinder.deviations

@@ -45,7 +45,7 @@ _CLAMPS = (
 
 
 def list_damping_rig_components(displacement: float) -> Iterator[Component]:
-    """List the rig; its slide lifts the shank by a displacement [m] before it lets it go."""
+    """List the components of the rig; its slide lifts the shank by a displacement [m]."""
     for clamp in _CLAMPS:
         yield _make_lower_half(clamp)
         yield _make_upper_half(clamp)

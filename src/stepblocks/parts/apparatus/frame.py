@@ -31,7 +31,7 @@ _BLOCK_SCREWS = (-6.0, 6.0)  # their x
 
 
 def list_frame_components(carriage_low: float) -> Iterator[Component]:
-    """List the frame; the lower face of the carriage lies at a height [mm]."""
+    """List the components of the frame, for a carriage whose lower face lies at a height [mm]."""
     shaft_height = carriage_low + SHAFT_RISE
     yield _make_base()
     yield _make_seat()

@@ -111,7 +111,7 @@ class Cylinder:
 
     @property
     def cross_axis_indices(self) -> tuple[int, int]:
-        """Numbers of the axes that it is square to."""
+        """Indices of the axes that it is square to."""
         indices = [0, 1, 2]
         indices.remove(self.axis_index)
         first, second = indices
@@ -250,7 +250,7 @@ def make_bore(axis: Axis, start: Point3, diameter: float, length: float, fit: st
 
 
 def repeat_bore(bore: Cylinder, axis: Axis, places: Iterable[float]) -> list[Cylinder]:
-    """Make equal bores beside one another.
+    """Repeat a bore at several places.
 
     They differ from `bore` in the coordinate along an axis, which is one of `places` [mm].
     """

@@ -315,7 +315,7 @@ class ScannedMargin(CrownMargin):
 
 @lru_cache(maxsize=8)
 def _measure_stations(path: Path, changed: int, *arguments: object) -> list[list[float]]:
-    """Measure the stations of a mesh, once for each state of its file.
+    """Measure the stations of a mesh in a confined process, once for each state of its file.
 
     `changed` is when the file was changed; `arguments` are those of `find_stations_confined`.
     Returns a row for each station.

@@ -265,7 +265,7 @@ def correct_condition_test(data: Table, term: Term | None) -> ConditionTest:
 
 
 def _average_complete_participants(data: Table) -> _GroupedMeans:
-    """Return the means of participants who judged in every condition, and the group of each."""
+    """Average each participant who judged in every condition; return means and groups."""
     table = average_participants(data).dropna()
     groups = data.assign(group=data.get("group", "")).groupby("participant")["group"].first()
     return _GroupedMeans(table, groups[table.index])

@@ -179,7 +179,7 @@ def fit_setting(setting: str, judgements: Table, standard: float) -> Comparisons
 
 
 def find_constant_answerers(judgements: Table, standard: float) -> tuple[str, ...]:
-    """Find participants who always gave the same answer, to blocks below and above the standard.
+    """Find who gave the same answer to all blocks, below and above the standard.
 
     The answer is which block of a pair is higher; with the standard in either place it is also
     whether the second one is.

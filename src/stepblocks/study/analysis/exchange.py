@@ -83,7 +83,7 @@ class _Dataset:
         return files
 
     def _format_dataset_description(self) -> str:
-        """Write dataset_description.json."""
+        """Return the text of dataset_description.json."""
         description: dict[str, object] = {
             "Name": self.title,
             "BIDSVersion": _BIDS_VERSION,
@@ -98,7 +98,7 @@ class _Dataset:
         return _format_json(description)
 
     def _format_participants(self) -> str:
-        """Write participants.tsv."""
+        """Return the text of participants.tsv."""
         lines = ["participant_id\tname\n"]
         for who, label in self.labels.items():
             lines.append(f"sub-{label}\t{who}\n")

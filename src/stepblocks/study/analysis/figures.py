@@ -136,7 +136,7 @@ def _list_drawings(result: Analysis) -> Iterator[_Drawing]:
 
 
 def _choose_look(index: int) -> _Look:
-    """Return the look of a condition by its number; they repeat."""
+    """Return marker, dash and colour of a condition by its number; they repeat."""
     return _LOOKS[index % len(_LOOKS)]
 
 
@@ -328,7 +328,7 @@ def _draw_curve(axes: Any, curve: Curve, x: Array, look: _Look) -> None:
 
 
 def _predict_higher(fit: Psychometric, x: Array) -> Array:
-    """Return the probability of an answer "higher" at heights `x` [m]."""
+    """Predict the probability of an answer "higher" at heights `x` [m]."""
     from scipy.special import ndtr
 
     rising = ndtr(np.log(x / fit.threshold.value) / fit.spread)

@@ -226,7 +226,7 @@ def _varies_within_participant(rows: Sequence[SheetRow], name: str) -> bool:
 
 
 def _is_fixed_by_condition(rows: Sequence[SheetRow], name: str) -> bool:
-    """Return whether the condition tells the level of a factor."""
+    """Return whether the level of a factor follows from the condition in all rows."""
     levels = dict[str, set[str]]()
     for row in rows:
         levels.setdefault(row.cells["condition"], set()).add(row.cells[name])
@@ -319,7 +319,7 @@ def _refuse_copied_tables(rows: Sequence[SheetRow], participant: str) -> None:
 
 
 def _repeats_first_half(rows: Sequence[tuple[str, ...]]) -> bool:
-    """Return whether the second half of a participant's rows is the first again."""
+    """Return whether the second half of a participant's rows repeats the first."""
     half = len(rows) // 2
     if len(rows) < _FEWEST_COPIED or len(rows) % 2:
         return False

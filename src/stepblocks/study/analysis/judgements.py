@@ -179,7 +179,7 @@ class Judgements:
 
 
 def _read_trial_numbers(frame: Table) -> pd.Series:
-    """Return the numbers of trials.
+    """Read the trial column as numbers.
 
     Raises
     ------
@@ -253,7 +253,7 @@ def make_judgements(
     asked: Mapping[TrialKey, Row],
     mistakes: Sequence[Mistake] = (),
 ) -> Judgements:
-    """Check judgements, and list all mistakes.
+    """Make the judgements of a study from trials with their answers, or refuse all mistakes.
 
     Parameters
     ----------
@@ -346,7 +346,7 @@ def _read_values(kind: Experiment, pair: Judgement, ratings: tuple[int, int]) ->
 
 
 def _format_mistakes(mistakes: Sequence[Mistake]) -> str:
-    """Write all mistakes, with the file of each where there are several."""
+    """Write all mistakes as a text, with the file of each where there are several."""
     files = list(dict.fromkeys(mistake.row.file for mistake in mistakes))
     placed = []
     for row, text in mistakes:

@@ -412,7 +412,7 @@ def _make_likelihood(model: Any, data: Table) -> _Likelihood:
 
 
 def _describe_zero_variances(variances: _Variances, repeated: bool) -> tuple[str, ...]:
-    """Name the variances that are estimated as zero."""
+    """Return a remark for each variance that is estimated as zero."""
     remarks = []
     if variances.person < _NO_VARIANCE:
         remarks.append("The variance between participants is estimated as zero.")

@@ -200,9 +200,9 @@ class Population:
         return np.asarray(profiles @ self.axes[index] / profiles.sum(axis=1))
 
     def _weigh_distribution(self, point: Array, index: int) -> Array:
-        """Return the distribution along an axis, shape (3, n).
+        """Return the weights of the distribution along an axis, shape (3, n).
 
-        It is multiplied by the powers 0, 1 and 2 of how many spreads each value is from the middle.
+        They are multiplied by the powers 0, 1 and 2 of the distance from the middle, in spreads.
         """
         distance = (self.axes[index] - point[2 * index]) / math.exp(point[2 * index + 1])
         weight = np.exp(0.5 * (np.min(distance**2) - distance**2))

@@ -100,7 +100,7 @@ def _list_compared(intervals: Iterable[Interval], reference: str) -> list[Interv
 
 
 def _format_finding_p(finding: Finding) -> str:
-    """Write the corrected probability of a finding."""
+    """Format the corrected probability of a finding in the style of the APA."""
     return f"p {format_apa_p(finding.corrected)}"
 
 
@@ -204,7 +204,7 @@ def _describe_power_law(law: PowerLaw, named: bool) -> str:
 
 
 def format_f_test(term: Term, p: float = math.nan) -> str:
-    """Write an F test as the APA asks for; `p` stands for a corrected probability."""
+    """Write an F test in the style of the APA; `p` is a corrected probability."""
     shown = term.p if math.isnan(p) else p
     df, df_error = format_df(term.df), format_df(term.df_error)
     return f"F({df}, {df_error}) = {term.f:.2f}, p {format_apa_p(shown)}"
@@ -218,7 +218,7 @@ def format_df(df: float) -> str:
 
 
 def format_apa_p(p: float) -> str:
-    """Write a probability as the APA asks for: three digits without the zero before the point."""
+    """Write a probability in APA style: three digits without the zero before the point."""
     if p < 0.001:
         return "< .001"
     return f"= {p:.3f}".replace("0.", ".", 1)

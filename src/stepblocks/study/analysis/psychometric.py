@@ -251,7 +251,7 @@ def estimate_psychometric(levels: Array, hits: Array, totals: Array) -> CurveEst
 
 
 def _maximise_from_starts(likelihood: _CurveLikelihood, start: _Start) -> OptimizeResult:
-    """Return the maximum of a likelihood that is found from a start, also one half as wide."""
+    """Maximise a likelihood from a start and from one of half the spread; return the better."""
     starts = [
         [start.middle, start.log_spread, _START_LAPSE],
         [start.middle, start.log_spread - 0.7, _START_LAPSE],
@@ -262,7 +262,7 @@ def _maximise_from_starts(likelihood: _CurveLikelihood, start: _Start) -> Optimi
 def _estimate_by_profile(
     likelihood: _CurveLikelihood, best: OptimizeResult, place: int, start: _Start
 ) -> Bounded:
-    """Return a parameter with the ends where its profile falls by chi squared's 95 % point.
+    """Estimate a parameter with the ends of its interval by profile likelihood, at 95 %.
 
     `best` is the maximum of the likelihood, `place` that of the parameter in a point.
     """

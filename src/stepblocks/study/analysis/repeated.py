@@ -203,14 +203,14 @@ def compute_bayes_factor(t: float, people: float) -> float:
     """
     df = people - 1.0
 
-    def weigh(g: float) -> float:
+    def weigh_variance(g: float) -> float:
         """Return the likelihood of t times the prior of the variance g of the effect size."""
         wide = 1.0 + 0.5 * people * g
         log = -0.5 * math.log(wide) - 0.5 * (df + 1.0) * math.log1p(t * t / (wide * df))
         return math.exp(log - 1.5 * math.log(g) - 0.5 / g) / math.sqrt(2.0 * math.pi)
 
     null = math.exp(-0.5 * (df + 1.0) * math.log1p(t * t / df))
-    alternative, _ = integrate.quad(weigh, 0.0, math.inf)
+    alternative, _ = integrate.quad(weigh_variance, 0.0, math.inf)
     return null / float(alternative)
 
 
@@ -223,20 +223,22 @@ def compute_effect_interval(t: float, people: float) -> tuple[float, float]:
     df, scale = people - 1.0, math.sqrt(people)
     reach = abs(t) + _FAR
 
-    def exceed(delta: float) -> float:
-        """Return the probability of less than t under a noncentrality; scipy has none far off."""
+    def compute_probability_below(delta: float) -> float:
+        """Return the probability of less than t under a noncentrality; 0 or 1 far off."""
         found = float(stats.nct.cdf(t, df, delta))
         if math.isnan(found):
             return float(delta < t)
         return found
 
-    def find(probability: float) -> float:
-        """Find the noncentrality under which t is exceeded with 1 - probability."""
+    def find_noncentrality(probability: float) -> float:
+        """Find the noncentrality under which less than t has a probability."""
         return float(
-            optimize.brentq(lambda delta: exceed(delta) - probability, t - reach, t + reach)
+            optimize.brentq(
+                lambda delta: compute_probability_below(delta) - probability, t - reach, t + reach
+            )
         )
 
-    return find(0.975) / scale, find(0.025) / scale
+    return find_noncentrality(0.975) / scale, find_noncentrality(0.025) / scale
 
 
 def approximate_bayes_factor(term: Term) -> float:

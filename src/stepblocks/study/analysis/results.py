@@ -74,7 +74,7 @@ class StudyResult(Analysis):
         return tuple(list_rows(self, self.findings()))
 
     def table(self) -> pd.DataFrame:
-        """Lay out every figure with its unit, in `COLUMNS`; not-a-number where a row has none."""
+        """Lay out every figure with its unit, in `COLUMNS`; NaN where a row has none."""
         return pd.DataFrame([row.list_cells() for row in self.rows], columns=COLUMNS)
 
     def results_csv(self) -> str:

@@ -51,7 +51,7 @@ class RunServer(ThreadingHTTPServer):
         self._requests = 0  # in that second
 
     def count_request_over_limit(self) -> bool:
-        """Count a request; tell whether there were too many in this second."""
+        """Count a request; return whether there are too many in this second."""
         second = int(time.monotonic())
         if second != self._second:
             self._requests = 0

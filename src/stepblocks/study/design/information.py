@@ -79,7 +79,7 @@ class Sensitivity:
 
 
 def compute_line_sensitivity(heights: Array, noise: float) -> Sensitivity:
-    """Return what magnitudes tell about constant and exponent of a power law.
+    """Compute how magnitudes depend on constant and exponent of a power law.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def compute_line_sensitivity(heights: Array, noise: float) -> Sensitivity:
 def compute_curve_sensitivity(
     heights: Array, standard: float, prior: Prior, lapse: float, shape: CurveShape
 ) -> Sensitivity:
-    """Return what comparisons tell about threshold, spread and lapse rate.
+    """Compute how comparisons depend on threshold, spread and lapse rate.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ def find_log_spread(weber: float, shape: CurveShape) -> float:
 
 
 def _list_quadrature_nodes(factor: float) -> list[tuple[float, float]]:
-    """Return nodes in standard deviations with their weights; one where a value is certain.
+    """List quadrature nodes, in standard deviations, with weights; one if a value is certain.
 
     `factor` is that by which one standard deviation changes the value [1].
     """

@@ -470,7 +470,7 @@ def _complete_expected(stated: Mapping[str, object]) -> Prior:
 def _read_number_within(
     name: str, value: object, least: float, most: float, dimension: str = "ratio"
 ) -> float:
-    """Read a number, and refuse one outside its limits, in SI."""
+    """Read a number in SI, and refuse one outside its limits."""
     number = read_number(name, value, dimension)
     if not least <= number <= most:
         raise StudyError(f"{name} must be {least:g} to {most:g}, got {shorten_value(value)}")

@@ -55,7 +55,7 @@ def format_key(blocks: Mapping[str, Mapping[str, Item]]) -> str:
 
 
 def write_without_replacing(folder: Path, texts: Mapping[str, str]) -> None:
-    """Write files that people work on, by their names.
+    """Write texts to the files of their names, but replace none that people have changed.
 
     Raises
     ------

@@ -81,7 +81,7 @@ TYPICAL_OBSERVER = Observer()
 def interpolate_heights(
     energy: Array, heights: Sequence[float] | Array, energies: Sequence[float] | Array
 ) -> Array:
-    """Interpolate the heights that usually give some energies.
+    """Interpolate the heights that belong to felt energies.
 
     The interpolation is linear in logarithms, and is extended beyond the ends.
 
@@ -115,7 +115,7 @@ def interpolate_heights(
 def simulate_felt_energies(
     energies: Array, observer: Observer, generator: np.random.Generator
 ) -> Array:
-    """Return felt energies [J]: each is the predicted one with noise of its own."""
+    """Simulate felt energies [J]: the predicted ones, each with noise of its own."""
     noise = observer.sensation_noise * generator.standard_normal(len(energies))
     return np.asarray(energies * np.exp(noise))
 

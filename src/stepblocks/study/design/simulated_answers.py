@@ -74,7 +74,10 @@ def _multiply_levels(row: Row, factors: Mapping[str, float]) -> float:
 def order_answers_adaptively(
     design: Sequence[dict[str, str]], answers: Sequence[dict[str, str]], prior: Prior
 ) -> Iterator[dict[str, str]]:
-    """Yield the answers to the trials that an adaptive design runs, in their order."""
+    """Yield answers in the order in which an adaptive design runs the trials.
+
+    Answers to trials that it does not run are left out.
+    """
     answer_to = {(row["participant"], row["trial"]): row for row in answers}
     for who, planned in group_by_participant(design).items():
         answered = list[dict[str, str]]()

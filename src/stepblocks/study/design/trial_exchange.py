@@ -104,7 +104,7 @@ def _select_parameters(matrices: Array, places: tuple[int, ...]) -> Array:
 
 
 def _compute_quadratic_forms(matrices: Array, vectors: Array) -> Array:
-    """Return the quadratic forms of the inverse matrices, shape (values, heights)."""
+    """Compute v' inv(M) v of each vector with each matrix, shape (values, heights)."""
     return np.asarray(np.sum(vectors @ np.linalg.inv(matrices) * vectors, axis=-1))
 
 

@@ -23,7 +23,7 @@ _PROMPTS = {
 def format_condition_files(
     program: str, kind: Experiment, sheets: Mapping[str, Sequence[Row]], plan: Plan
 ) -> dict[str, str]:
-    """Write the trials of every participant for a program.
+    """Format the trials of every participant as the files that a program reads.
 
     Parameters
     ----------

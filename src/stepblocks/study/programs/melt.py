@@ -66,7 +66,7 @@ def melt_table(table: TextTable, pattern: str, search: AnswerSearch) -> TextTabl
 
 
 def _parse_column_names(table: TextTable, pattern: str) -> dict[int, Mapping[str, str]]:
-    """Return what the names of columns say, by column: the text of each field of the pattern."""
+    """Parse the names of columns by a pattern; return the texts of its fields by column."""
     expression = _compile_pattern(pattern)
     found = dict[int, Mapping[str, str]]()
     for column, name in enumerate(table.names):
