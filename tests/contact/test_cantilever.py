@@ -132,4 +132,4 @@ def test_mean_energy_is_that_of_an_exponential():
     ring = compute_rod_ring(ROD)
     time = np.linspace(0.0, 16e-3, 20001)
     mean = np.trapezoid(np.exp(-2.0 * time / ring.decay_time), time) / 16e-3
-    assert ring.mean_energy(16e-3) == pytest.approx(mean, rel=1e-7)
+    assert ring.compute_mean_energy(16e-3) == pytest.approx(mean, rel=1e-7)

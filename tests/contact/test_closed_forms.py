@@ -194,7 +194,7 @@ def test_a_softened_spring_hardens_back_to_its_force():
     # the root of u + c u^3 = F by Viete, put back in
     force = np.array([0.02, 0.4, 3.1, 40.0])[:, None]
     cubic = np.array([1e-7, 3e-3, 0.7, 11.0])
-    spring = kernels.compute_softened_force(force, cubic)
+    spring = kernels.compute_unhardened_force(force, cubic)
     np.testing.assert_allclose(
         spring + cubic * spring**3, np.broadcast_to(force, (4, 4)), rtol=1e-9
     )

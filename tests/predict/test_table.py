@@ -203,7 +203,7 @@ def test_no_rows_have_the_columns_of_some():
 
 def test_a_hundred_thousand_rows_take_no_draw_each(monkeypatch):
     """Without an uncertainty there is no interval to draw."""
-    monkeypatch.setattr("stepblocks.predict.table.estimate_ends_of_steps", None)
+    monkeypatch.setattr("stepblocks.predict.table.estimate_step_intervals", None)
     heights = np.linspace(1.0, 120.0, 100_000)
     table = predict_table(pd.DataFrame({"height_um": heights, "load_n": 1.0, "friction": 0.15}))
     assert len(table) == len(heights)

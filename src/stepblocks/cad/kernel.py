@@ -40,6 +40,7 @@ OSD_ThreadPool.DefaultPool_s().Init(1)
 
 
 def _make_vector(point: Point) -> cq.Vector:
+    """Make a vector of the kernel [mm] of a point in metres."""
     x, y, z = point
     return cq.Vector(x * _MM, y * _MM, z * _MM)
 
@@ -78,15 +79,17 @@ def _make_arc(start: cq.Vector, middle: cq.Vector, end: cq.Vector) -> cq.Edge:
     normal = np.cross(to_middle, to_end)
     # circumcentre relative to the start, by products alone; their sums are exact, for `@` is
     # another number on another processor
-    weighted = _square(to_middle) * to_end - _square(to_end) * to_middle
-    offset = np.cross(weighted, normal) / (2.0 * _square(normal))
+    weighted = (
+        _compute_squared_length(to_middle) * to_end - _compute_squared_length(to_end) * to_middle
+    )
+    offset = np.cross(weighted, normal) / (2.0 * _compute_squared_length(normal))
     centre = np.add(start.toTuple(), offset)
     frame = gp_Ax2(gp_Pnt(*centre.tolist()), gp_Dir(*normal.tolist()), gp_Dir(*(-offset).tolist()))
-    circle = gp_Circ(frame, math.sqrt(_square(offset)))
+    circle = gp_Circ(frame, math.sqrt(_compute_squared_length(offset)))
     return cq.Edge(BRepBuilderAPI_MakeEdge(circle, start.toPnt(), end.toPnt()).Edge())
 
 
-def _square(vector: NDArray[np.float64]) -> float:
+def _compute_squared_length(vector: NDArray[np.float64]) -> float:
     """Compute the square of the length of a vector, its sum rounded once."""
     return math.fsum((vector * vector).tolist())
 
@@ -112,7 +115,7 @@ def make_box(low: Point, high: Point) -> Body:
 
 
 def find_end_faces(body: Body, axis: int) -> tuple[int, int]:
-    """Find the lowest and the highest plane face square to an axis, by their indices."""
+    """Find the indices of the lowest and the highest plane face square to an axis."""
     positions: dict[int, float] = {}
     for index, face in enumerate(describe_faces(body)):
         if face.high[axis] - face.low[axis] < _FLAT:
@@ -144,19 +147,21 @@ def revolve_about_vertical(outline: Outline, origin: Point) -> Body:
     """Turn an outline given in radius and height about a vertical axis."""
     x, y, z = origin
 
-    def lift(radius: float, height: float) -> Point:
+    def place_in_radial_plane(radius: float, height: float) -> Point:
+        """Return the point at a radius and a height in the plane of x and z [m]."""
         return x + radius, y, z + height
 
-    return revolve(_lift_outline(outline, lift), origin, (0.0, 0.0, 1e-3))
+    return revolve(_lift_outline(outline, place_in_radial_plane), origin, (0.0, 0.0, 1e-3))
 
 
 def make_prism(outline: Outline, width: float) -> Body:
     """Extrude an outline given in x and z along y, half of the width to either side."""
 
-    def lift(x: float, z: float) -> Point:
+    def place_on_front(x: float, z: float) -> Point:
+        """Return the point of the front face at x and z [m]."""
         return x, -0.5 * width, z
 
-    return extrude(_lift_outline(outline, lift), (0.0, width, 0.0))
+    return extrude(_lift_outline(outline, place_on_front), (0.0, width, 0.0))
 
 
 def cut(body: Body, tools: Sequence[Body]) -> Body:

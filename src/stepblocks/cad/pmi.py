@@ -198,7 +198,7 @@ def write_step_with_tolerances(
     SolidError
         If an item is no face or edge of its body, or the file cannot be written.
     """
-    _silence_kernel()
+    _mute_all_but_failures()
     # a schema that is set before a controller exists is silently ignored
     STEPControl_Controller.Init_s()
     Interface_Static.SetCVal_s("write.step.schema", "AP242DIS")
@@ -220,7 +220,7 @@ def write_step_with_tolerances(
         raise SolidError(f"the kernel could not write {path.name}")
 
 
-def _silence_kernel() -> None:
+def _mute_all_but_failures() -> None:
     """Keep the kernel from printing anything but failures."""
     for printer in Message.DefaultMessenger_s().Printers():
         printer.SetTraceLevel(Message_Gravity.Message_Fail)
@@ -258,7 +258,7 @@ class _Document:
         for (name, body), material in zip(bodies, materials, strict=True):
             self._bodies.append(self._add_body(name, body, material))
         if len(self._bodies) > 1:
-            self._assemble(assembly)
+            self._make_assembly(assembly)
 
     def _add_body(self, name: str, body: Body, material: PmiMaterial) -> _LabelledBody:
         """Add a solid with its name and material."""
@@ -275,8 +275,8 @@ class _Document:
         )
         return _LabelledBody(name, label, body.Faces())
 
-    def _assemble(self, name: str) -> None:
-        """Make one product of all bodies where they are.
+    def _make_assembly(self, name: str) -> None:
+        """Make one assembly of all bodies where they are.
 
         They stay products of their own, each of its material.
         """
@@ -302,6 +302,7 @@ class _Document:
         return label
 
     def _label_items(self, items: Sequence[PmiItem]) -> TDF_LabelSequence:
+        """Return the labels of faces and edges; those that are new are added to the document."""
         sequence = TDF_LabelSequence()
         for item in items:
             sequence.Append(self._label_item(item))
@@ -311,13 +312,13 @@ class _Document:
         """Add a dimension with its limits and callout."""
         label = self._tolerances.AddDimension()
         content = XCAFDimTolObjects.XCAFDimTolObjects_DimensionObject()
-        content.SetType(_find_enum("DimensionType", _DIMENSION_TYPES[dimension.kind]))
+        content.SetType(_find_enum_member("DimensionType", _DIMENSION_TYPES[dimension.kind]))
         # angles stand in radians, the unit that the kernel writes
         unit = 1.0 if dimension.kind in _ANGLES else _MM
         content.SetValue(dimension.nominal * unit)
         content.SetUpperTolValue(dimension.upper * unit)
         content.SetLowerTolValue(-dimension.lower * unit)  # the kernel keeps it without its sign
-        _set_presentation(content, dimension.callout)
+        _attach_callout(content, dimension.callout)
         _find_attribute(label, XCAFDoc_Dimension).SetObject(content)
         first = self._label_items(dimension.items[:1])
         second = self._label_items(dimension.items[1:])
@@ -327,9 +328,9 @@ class _Document:
         """Add a geometric tolerance with its datum and callout."""
         label = self._tolerances.AddGeomTolerance()
         content = XCAFDimTolObjects.XCAFDimTolObjects_GeomToleranceObject()
-        content.SetType(_find_enum("GeomToleranceType", tolerance.kind.capitalize()))
+        content.SetType(_find_enum_member("GeomToleranceType", tolerance.kind.capitalize()))
         content.SetValue(tolerance.zone * _MM)
-        _set_presentation(content, tolerance.callout)
+        _attach_callout(content, tolerance.callout)
         _find_attribute(label, XCAFDoc_GeomTolerance).SetObject(content)
         self._tolerances.SetGeomTolerance(self._label_item(tolerance.face), label)
         if tolerance.datum is not None:
@@ -358,16 +359,16 @@ def _find_common_edge(face: Body, second_face: Body) -> Body:
     return max(common, key=lambda edge: float(edge.Length()))
 
 
-def _find_enum(kind: str, name: str) -> Any:
-    """Find a member of an enumeration of the kernel by the words that distinguish it."""
+def _find_enum_member(kind: str, name: str) -> Any:
+    """Find a member of an enumeration of the kernel by its kind and its own name."""
     enumeration = getattr(XCAFDimTolObjects, f"XCAFDimTolObjects_{kind}")
     return getattr(enumeration, f"XCAFDimTolObjects_{kind}_{name}")
 
 
-def _set_presentation(
+def _attach_callout(
     content: XCAFDimTolObjects.XCAFDimTolObjects_GeomToleranceObject, callout: Callout | None
 ) -> None:
-    """Give a dimension or tolerance the lines that a viewer shows."""
+    """Give a dimension or tolerance the lines of its callout, which a viewer shows."""
     if callout is None:
         return
     compound = TopoDS_Compound()

@@ -86,7 +86,7 @@ class Counterface(ABC):
         return {}
 
     def deviate_dimensions(self, deviations: Mapping[str, Real]) -> dict[str, Real]:
-        """Dimensions that deviate from the nominal, kept where the angles are defined [m]."""
+        """Return dimensions that deviate by so much, kept where the angles are defined [m]."""
         deviated: dict[str, Real] = {}
         for name, nominal in self.dimensions.items():
             deviated[name] = np.maximum(nominal + deviations.get(name, 0.0), 0.0)
@@ -123,7 +123,7 @@ class Counterface(ABC):
 
     def centre_path(self, ball_radius: Measure) -> CentrePath:
         """Path of the centre of a ball, from 5 mm before the edge to 5 mm behind it."""
-        return build_envelope_path(*self.outline(), _read_ball(ball_radius))
+        return build_envelope_path(*self.outline(), _read_ball_radius(ball_radius))
 
 
 @dataclass(frozen=True)
@@ -272,7 +272,7 @@ class Margin(Counterface):
         return compute_bevelled_margin_angles(gap, opening, rise, ball_radius)
 
     def deviate_dimensions(self, deviations: Mapping[str, Real]) -> dict[str, Real]:
-        """Let an opening that is not named follow the gap, as that of a square end does."""
+        """Change an opening that is not named with the gap, as that of a square end changes."""
         gap = self.gap + deviations.get("gap", 0.0)
         if "opening" in deviations:
             opening = self.opening + deviations["opening"]
@@ -378,9 +378,9 @@ class Profile(Counterface):
             object.__setattr__(self, name, read_lengths(name, getattr(self, name)))
         require_points(self.x, self.z)
         if self.feature is not None:
-            object.__setattr__(self, "feature", self._read_feature(*self.feature))
+            object.__setattr__(self, "feature", self._read_range(*self.feature))
 
-    def _read_feature(self, first: object, last: object) -> tuple[float, float]:
+    def _read_range(self, first: object, last: object) -> tuple[float, float]:
         """Read a range of x [m], or refuse one that does not lie within the profile."""
         begin = read_number("feature", first, "length")
         end = read_number("feature", last, "length")
@@ -451,7 +451,7 @@ class Profile(Counterface):
         return find_outline(np.column_stack([self.x, self.z]))
 
     def centre_path(self, ball_radius: Measure) -> CentrePath:
-        ball = _read_ball(ball_radius)
+        ball = _read_ball_radius(ball_radius)
         discs, lines = self.outline()
         first, last = lines[0].start, lines[-1].end
         # level beyond both ends, where the ball meets the first point from a radius away
@@ -521,11 +521,12 @@ def _shift_angles(drawn: Real, between_sides: float, level: float) -> Array:
 
 
 def find_scanned_angle(
-    position: NDArray[np.float64], height: NDArray[np.float64], ball: float
+    position: NDArray[np.float64], height: NDArray[np.float64], ball_radius: float
 ) -> float | None:
     """Critical angle of a scanned edge.
 
-    The steepest rise of the path of the tip's centre over it, up the step.
+    The steepest rise of the path of the tip's centre over it, up the step [rad]. None where too
+    little was measured, where nothing catches, and at a riser.
     """
     measured = height[np.isfinite(height)]
     tenth = len(measured) // 10
@@ -533,9 +534,9 @@ def find_scanned_angle(
         return None
     near_side, far_side = np.median(measured[:tenth]), np.median(measured[-tenth:])
     if far_side > near_side:
-        angle = _find_steepest_angles(position, height, ball).forward
+        angle = _find_steepest_angles(position, height, ball_radius).forward
     else:
-        angle = _find_steepest_angles(-position[::-1], height[::-1], ball).forward
+        angle = _find_steepest_angles(-position[::-1], height[::-1], ball_radius).forward
     if 0.0 < angle < 0.5 * math.pi:
         return float(angle)
     return None
@@ -544,14 +545,14 @@ def find_scanned_angle(
 def _find_steepest_angles(
     x: Array,
     z: Array,
-    ball: float,
+    ball_radius: float,
     feature: tuple[float, float] | None = None,
 ) -> Angles:
-    """Critical angles over a profile by exact dilation [rad], where the tip touches a range [m]."""
+    """Find critical angles of a profile by dilation [rad], where the tip touches a range [m]."""
     # compiled kernels, loaded where they are used
     from stepblocks.contact.path.profile import build_profile_path, find_steepest_catch
 
-    path = build_profile_path(x, z, ball)
+    path = build_profile_path(x, z, ball_radius)
     mirrored_feature = None
     if feature is not None:
         first, last = feature
@@ -562,19 +563,19 @@ def _find_steepest_angles(
     )
 
 
-def _read_ball(ball_radius: Measure) -> float:
-    """Read the radius of a ball [m], above 0."""
+def _read_ball_radius(ball_radius: Measure) -> float:
+    """Read the radius of a ball [m]; refuse one that is not above 0."""
     ball = read_number("ball_radius", ball_radius, "length")
     require_positive("ball_radius", ball, "m")
     return ball
 
 
-def take_counterface(surface: object) -> Counterface:
-    """Take a counterface as it is, that of a part, and a scanned profile over as one."""
+def convert_to_counterface(surface: object) -> Counterface:
+    """Return a counterface as it is, that of a part, or a scanned profile as one."""
     if isinstance(surface, Counterface):
         return surface
     if hasattr(surface, "counterface"):
-        return take_counterface(surface.counterface())
+        return convert_to_counterface(surface.counterface())
     if hasattr(surface, "position") and hasattr(surface, "height"):
         return Profile.from_scan(surface)
     raise ContactError(

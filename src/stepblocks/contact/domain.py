@@ -32,7 +32,7 @@ def format_changed_fields(value: Any) -> str:
 
 
 def convert_fields(owner: object, low: float | None = None, **bounds: tuple[str, float]) -> None:
-    """Read fields of a frozen dataclass in SI, or as texts with their units, and check them.
+    """Convert fields of a frozen dataclass in place: numbers in SI, or texts with their units.
 
     `bounds` has the dimension of each and the most that it may be; `low` is the least, and without
     it each must be positive.
@@ -150,7 +150,7 @@ def unwrap_scalar(value: Real) -> Real:
 
 
 def select_where(condition: Real, if_so: Real, otherwise: Real) -> Real:
-    """`numpy.where`, at once where the condition is a single one."""
+    """Select as `numpy.where` does, without an array where the condition is a single one."""
     if isinstance(condition, np.ndarray):
         return np.where(condition, if_so, otherwise)
     if condition:
@@ -170,7 +170,7 @@ def _require(
 
 
 def read_lengths(name: str, values: object) -> NDArray[np.float64]:
-    """Read a row of finite lengths on a bench as an array [m]."""
+    """Read a row of finite lengths [m], none too large for a bench, as an array."""
     try:
         lengths: NDArray[np.float64] = np.ascontiguousarray(read_array(values, "length"))
     except QuantityError as error:

@@ -62,7 +62,7 @@ class Status(StrEnum):
 
     @classmethod
     def _missing_(cls, value: object) -> Never:
-        """Refuse a value that is no status, and list those that are."""
+        """Refuse a value that is not a status; the message lists all statuses."""
         raise ContactError(f"status must be one of {', '.join(cls)}, got {value!r:.60}")
 
     @property

@@ -2,7 +2,7 @@
 
 import math
 
-from stepblocks.contact.counterface import Counterface, take_counterface
+from stepblocks.contact.counterface import Counterface, convert_to_counterface
 from stepblocks.contact.domain import Scanned
 from stepblocks.contact.energy import Release, Status
 from stepblocks.contact.operating_point import OperatingPoint
@@ -34,17 +34,17 @@ def find_energy_change(
     >>> f"{find_energy_change(Step(25e-6), Step(26e-6), PAPER):+.1%}"
     '+5.4%'
     """
-    first = _find_release(before, point, backward)
-    second = _find_release(after, point, backward)
+    first = _resolve_release(before, point, backward)
+    second = _resolve_release(after, point, backward)
     if first.status is not Status.RELEASES or second.status is not Status.RELEASES:
         return math.nan
     return float(second.vibration_energy / first.vibration_energy - 1.0)
 
 
-def _find_release(
+def _resolve_release(
     surface: Counterface | Scanned | Release, point: OperatingPoint, backward: bool
 ) -> Release:
-    """Return the release over a surface; one that is known already stays as it is."""
+    """Return the release over a surface; a release is returned as it is."""
     if isinstance(surface, Release):
         return surface
-    return take_counterface(surface).release(point, backward)
+    return convert_to_counterface(surface).release(point, backward)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stepblocks.contact import Array
-from stepblocks.contact.counterface import Counterface, take_counterface
+from stepblocks.contact.counterface import Counterface, convert_to_counterface
 from stepblocks.contact.domain import Scanned
 from stepblocks.contact.energy import Status, find_release
 from stepblocks.contact.operating_point import OperatingPoint, Tool
@@ -135,7 +135,7 @@ def list_vibration_events(
     ContactError
         If the ball is too large for the profile, or the profile has too many corners.
     """
-    path = take_counterface(face).centre_path(point.ball_radius)
+    path = convert_to_counterface(face).centre_path(point.ball_radius)
     forward = _predict_event(path, point, stimulus, +1)
     backward = _predict_event(path, point, stimulus, -1)
     return forward, backward
@@ -192,7 +192,7 @@ def compute_ring_energy(force: ArrayLike, rate: float, tool: Tool) -> float:
 
 
 def build_event_record(event: VibrationEvent, scale: float = 1.0) -> dict[str, object]:
-    """Write an event as plain values for JSON, the unit in every name.
+    """Describe an event as plain values for JSON, the unit in every name.
 
     What is not a number is written as None.
     """
@@ -204,8 +204,8 @@ def build_event_record(event: VibrationEvent, scale: float = 1.0) -> dict[str, o
     if event.waveform is None:
         waveform = _EXPONENTIAL
     record = {
-        **_write_release(event, scale),
-        **_write_pitch(tool),
+        **_describe_release(event, scale),
+        **_describe_frequency(tool),
         "limit_n": limit,
         "decay_s": tool.decay_time,
         "stiffness_n_per_m": tool.stiffness,
@@ -217,14 +217,14 @@ def build_event_record(event: VibrationEvent, scale: float = 1.0) -> dict[str, o
         "energy_rule": _RULE,
     }
     if event.waveform is not None:
-        record |= _write_waveform(event.waveform)
+        record |= _describe_waveform(event.waveform)
     if event.learned is not None:
-        record["learned"] = replace_nan_by_none(_write_learned(event.learned))
-    return replace_nan_by_none(record)
+        record["learned"] = replace_not_finite_by_none(_describe_learned(event.learned))
+    return replace_not_finite_by_none(record)
 
 
-def _write_release(event: VibrationEvent, scale: float) -> dict[str, object]:
-    """Write where and how the probe releases, lengths magnified by a scale."""
+def _describe_release(event: VibrationEvent, scale: float) -> dict[str, object]:
+    """Describe where and how the probe releases, lengths magnified by a scale."""
     return {
         "stimulus": event.stimulus,
         "drag": event.drag,
@@ -238,8 +238,8 @@ def _write_release(event: VibrationEvent, scale: float) -> dict[str, object]:
     }
 
 
-def _write_pitch(tool: Tool) -> dict[str, object]:
-    """Write the frequency of a ring and how far it may be off."""
+def _describe_frequency(tool: Tool) -> dict[str, object]:
+    """Describe the frequency of a ring and its limits."""
     return {
         "frequency_hz": tool.frequency,
         "frequency_low_hz": tool.frequency - tool.frequency_deviation,
@@ -247,8 +247,8 @@ def _write_pitch(tool: Tool) -> dict[str, object]:
     }
 
 
-def _write_waveform(waveform: Waveform) -> dict[str, object]:
-    """Write where a simulated ring comes from."""
+def _describe_waveform(waveform: Waveform) -> dict[str, object]:
+    """Describe where a simulated ring comes from."""
     return {
         "simulated_delay_s": waveform.delay,
         "simulated_peak_force_n": waveform.simulated_peak,
@@ -257,8 +257,8 @@ def _write_waveform(waveform: Waveform) -> dict[str, object]:
     }
 
 
-def _write_learned(learned: LearnedPrediction) -> dict[str, object]:
-    """Write what a model of a session says, each figure with its bounds."""
+def _describe_learned(learned: LearnedPrediction) -> dict[str, object]:
+    """Describe what a model of a session predicts, each figure with its bounds."""
     force, force_low, force_high = learned.peak_force
     energy, energy_low, energy_high = learned.energy
     return {
@@ -272,8 +272,8 @@ def _write_learned(learned: LearnedPrediction) -> dict[str, object]:
     }
 
 
-def replace_nan_by_none(record: dict[str, object]) -> dict[str, object]:
-    """Return a record with None for every number that is not finite."""
+def replace_not_finite_by_none(record: dict[str, object]) -> dict[str, object]:
+    """Return a record with None for every number that is infinite or NaN."""
     replaced = dict(record)
     for name, value in record.items():
         if isinstance(value, float) and not math.isfinite(value):

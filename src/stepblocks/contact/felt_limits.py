@@ -20,6 +20,7 @@ _EXACT = 1e-12  # of the logarithm of the energy, to which a bound is found
 # smallest deviations that can be made and measured, assumed: somewhat less than two wrung gauge
 # blocks hold, and about what an arc fit on a profile resolves [m]
 FINEST = {"height": 0.1e-6, "edge_radius": 0.5e-6, "ball_radius": 0.5e-6}
+_MOST_CHANGE = 100.0  # of ln E; beyond it the tip is held
 
 
 @dataclass(frozen=True)
@@ -172,8 +173,9 @@ def _share_budget(wish: _Wish, budget: float, direction: float) -> dict[str, flo
         change = _compute_change(wish.face, wish.point, spent | deviate(0.0))
         names = ", ".join([*wish.fixed, *(name for name in wish.free if name in FINEST)])
         raise ContactError(
-            f"the energy must stay within {_write_change(direction * budget)}, got "
-            f"{_write_change(change)} where {names} are as fine as they are stated or can be made"
+            f"the energy must stay within {_format_energy_change(direction * budget)}, got "
+            f"{_format_energy_change(change)} where {names} are as fine as they are stated or can "
+            "be made"
         )
     if not wish.free:
         return {}
@@ -190,8 +192,8 @@ def _share_budget(wish: _Wish, budget: float, direction: float) -> dict[str, flo
     return deviate(float(brentq(find_excess, 0.0, outside, xtol=_EXACT)))
 
 
-def _write_change(log_change: float) -> str:
-    """Write a change of ln E as a percentage of the energy."""
-    if log_change > 100.0:
+def _format_energy_change(log_change: float) -> str:
+    """Write a change of ln E as a percentage; "no release" beyond `_MOST_CHANGE`."""
+    if log_change > _MOST_CHANGE:
         return "no release"
     return f"{100.0 * math.expm1(log_change):+.3g} %"

@@ -32,7 +32,7 @@ class Angles(NamedTuple):
 
 
 def compute_angle_on_step(height: Real, radius_sum: Real) -> Real:
-    """Angle of the tangent where a ball on the lower face touches the edge.
+    """Return the angle of the tangent where a ball on the lower face touches the edge.
 
     It follows from ``1 - cos a = H / (R + r)``.
     """
@@ -49,7 +49,7 @@ def compute_step_angle(height: Real, radius_sum: Real) -> Real:
 
 
 def compute_angle_out_of_groove(width: Real, rise: Real, ball_radius: Real) -> Real:
-    """Angle of the tangent at the far corner for a ball that rests on both corners of a groove."""
+    """Return the angle at the far corner for a ball that rests on both corners of a groove."""
     # the chord between both corners, which subtends 2 asin(chord / 2R)
     incline = np.arctan2(rise, width)
     chord = np.hypot(width, rise)
@@ -57,7 +57,7 @@ def compute_angle_out_of_groove(width: Real, rise: Real, ball_radius: Real) -> R
 
 
 def compute_margin_angles(opening: Real, rise: Real, ball_radius: Real) -> Angles:
-    """Critical angles over two corners `opening` apart [rad].
+    """Return the critical angles over two corners `opening` apart [rad].
 
     The far one is higher by `rise` of either sign.
     """
@@ -92,7 +92,7 @@ def compute_margin_angles(opening: Real, rise: Real, ball_radius: Real) -> Angle
 def compute_relieved_step_angles(
     height: Real, edge_radius: Real, width: Real, depth: Real, ball_radius: Real
 ) -> Angles:
-    """Critical angles over a step whose riser has a relief at its root [rad].
+    """Return the critical angles over a step whose riser has a relief at its root [rad].
 
     The relief is `width` wide on the lower face and `depth` deep. A ball that meets the edge while
     it still rides on the lower face does not reach it. Else the ball sinks, and meets the edge from
@@ -114,7 +114,7 @@ def compute_relieved_step_angles(
 def _compute_angles_between_corners(
     height: Real, edge_radius: Real, width: Real, ball_radius: Real
 ) -> Angles:
-    """Angles of a ball that rests on the end of the lower face and on a rounded edge [rad].
+    """Return angles of a ball that rests on the end of the lower face and a rounded edge [rad].
 
     Its centre is R away from the one, R + r from the centre of the other. Where it leans on the
     riser it never climbs, and on its way back it meets the lower face from a radius away.
@@ -139,7 +139,7 @@ def _compute_angles_between_corners(
 
 
 def _compute_triangle_angle(first: Real, second: Real, opposite: Real) -> Real:
-    """Angle between two sides of a triangle, opposite the third [rad]."""
+    """Return the angle between two sides of a triangle, opposite the third [rad]."""
     cosine = (first**2 + second**2 - opposite**2) / (2.0 * first * second)
     return np.arccos(np.clip(cosine, -1.0, 1.0))
 
@@ -157,7 +157,7 @@ def compute_bevelled_margin_angles(
     is_bevelled = opening > gap
     opening = np.maximum(opening, gap)
     diagonal = np.sqrt(0.5) * ball_radius
-    x, back = _touch_bevel(rise - opening + 2.0 * diagonal, ball_radius)
+    x, back = _find_ball_on_bevel(rise - opening + 2.0 * diagonal, ball_radius)
     outer = compute_margin_angles(opening, rise, ball_radius)
     inner_rise = rise - (opening - gap)
     inner = compute_margin_angles(gap, inner_rise, ball_radius)
@@ -174,7 +174,7 @@ def compute_bevelled_margin_angles(
     )
 
 
-def _touch_bevel(offset: Real, ball_radius: Real) -> tuple[Real, Real]:
+def _find_ball_on_bevel(offset: Real, ball_radius: Real) -> tuple[Real, Real]:
     """Find a ball that touches a bevel and the near corner.
 
     Its centre (x, z) lies on ``z = x + offset`` and ``x^2 + z^2 = R^2``. Returns x [m] and the
@@ -193,7 +193,7 @@ def _touch_bevel(offset: Real, ball_radius: Real) -> tuple[Real, Real]:
 
 
 def compute_pull_force(normal_load: Real, angle: Real, friction: Real) -> Real:
-    """Tangential force at release, ``F_px = F_py tan(a + atan mu)``.
+    """Return the tangential force at release, ``F_px = F_py tan(a + atan mu)``.
 
     This is equation (1) with its fraction summed.
     """
@@ -201,12 +201,12 @@ def compute_pull_force(normal_load: Real, angle: Real, friction: Real) -> Real:
 
 
 def compute_locking_height(ball_radius: Real, friction: Real) -> Real:
-    """Height at which ``a + atan mu`` reaches a right angle: ``R (1 - sin(atan mu))``."""
+    """Return the height at which ``a + atan mu`` is a right angle: ``R (1 - sin(atan mu))``."""
     return ball_radius * (1.0 - friction / (1.0 + friction * friction) ** 0.5)
 
 
 def compute_height_at_angle(angle: Real, radius_sum: Real) -> Real:
-    """Height of the step of a critical angle, ``H = (R + r)(1 - cos a)``.
+    """Return the height of the step of a critical angle, ``H = (R + r)(1 - cos a)``.
 
     It is the inverse of `compute_angle_on_step`.
     """
@@ -214,12 +214,12 @@ def compute_height_at_angle(angle: Real, radius_sum: Real) -> Real:
 
 
 def compute_stored_energy(force: Real, stiffness: Real) -> Real:
-    """Energy of the tool as a spring, ``F^2 / 2k``."""
+    """Return the energy of the tool as a spring, ``F^2 / 2k``."""
     return 0.5 * force * force / stiffness
 
 
-def compute_softened_force(force: Real, cubic: Real) -> Real:
-    """Return u of a hardening spring ``force = u + cubic u^3``, by Viete's hyperbolic sine.
+def compute_unhardened_force(force: Real, cubic: Real) -> Real:
+    """Solve ``force = u + cubic u^3`` for u, by Viete's hyperbolic sine.
 
     It is the force that the spring would have if it did not harden.
     """
@@ -228,10 +228,10 @@ def compute_softened_force(force: Real, cubic: Real) -> Real:
     return 2.0 / root * np.sinh(third)
 
 
-def compute_release(
+def compute_force_and_energy(
     angle: Real, friction: Real, normal_load: Real, stiffness: Real, conversion: Real
 ) -> tuple[Real, Real]:
-    """Force [N] and vibration energy [J] over arrays.
+    """Compute pull force [N] and vibration energy [J] at the release.
 
     Both are infinite where the tip is held, and 0 where nothing catches.
     """

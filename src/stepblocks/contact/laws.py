@@ -266,8 +266,8 @@ def _build_law(kind: str, law: str = "", **numbers: Any) -> object:
     if kind not in _KINDS:
         raise QuantityError(f"laws must be of {', '.join(_KINDS)}, got {kind!r}")
     try:
-        make = _find_maker(law)
-        values = {name: _read_value(name, value) for name, value in numbers.items()}
+        make = _find_law_factory(law)
+        values = {name: _read_law_parameter(name, value) for name, value in numbers.items()}
         built = make(**values)
     except (TypeError, ContactError) as error:
         raise QuantityError(f"law of {kind} {law!r}: {error}") from error
@@ -276,8 +276,8 @@ def _build_law(kind: str, law: str = "", **numbers: Any) -> object:
     return built
 
 
-def _find_maker(law: str) -> Callable[..., object]:
-    """Find what builds a law by its name: one that ships, or an entry point of a package."""
+def _find_law_factory(law: str) -> Callable[..., object]:
+    """Find what builds a law of a name: a shipped one, or an entry point of a package."""
     if law in _SHIPPED:
         return _SHIPPED[law]
     offered = {entry.name: entry for entry in entry_points(group="stepblocks.laws")}
@@ -287,8 +287,8 @@ def _find_maker(law: str) -> Callable[..., object]:
     return cast(Callable[..., object], offered[law].load())
 
 
-def _read_value(name: str, value: object) -> object:
-    """Read a number of a law in SI where its dimension is known, else take it as it is."""
+def _read_law_parameter(name: str, value: object) -> object:
+    """Read a parameter of a law in SI where its dimension is known; return others as they are."""
     if name in _DIMENSIONS:
         return read_number(name, value, _DIMENSIONS[name])
     return value

@@ -50,7 +50,7 @@ class IntervalEnds:
     held_probability: Array
 
 
-def estimate_ends_of_steps(
+def estimate_step_intervals(
     inputs: Mapping[str, Array],
     uncertainties: Mapping[str, Array],
     limit: float,
@@ -58,7 +58,7 @@ def estimate_ends_of_steps(
     draws: int,
     seed: int = 0,
 ) -> IntervalEnds:
-    """Estimate the intervals of many steps.
+    """Estimate the intervals of force and energy of many steps.
 
     Parameters
     ----------
@@ -76,9 +76,9 @@ def estimate_ends_of_steps(
     for rows in _divide_rows(count, draws):
         drawn = {}
         for name in STEP_INPUTS:
-            drawn[name] = _draw(inputs[name][rows], uncertainties[name][rows], normal[name])
+            drawn[name] = _draw_input(inputs[name][rows], uncertainties[name][rows], normal[name])
         nominal_ball = inputs["ball_radius"][rows, None]
-        ends[:, rows] = _find_ends(drawn, nominal_ball, limit, draws)
+        ends[:, rows] = _find_interval_ends(drawn, nominal_ball, limit, draws)
     return IntervalEnds(*ends)
 
 
@@ -89,14 +89,14 @@ def _divide_rows(count: int, draws: int) -> Iterator[slice]:
         yield slice(first, min(first + step, count))
 
 
-def _draw(nominal: Array, uncertainty: Array, normal: Array) -> Array:
+def _draw_input(nominal: Array, uncertainty: Array, normal: Array) -> Array:
     """Draw an input, shape (rows, draws), or (rows, 1) where it is known; cut off at 0."""
     if not uncertainty.any():
         return nominal[:, None]
     return np.maximum(nominal[:, None] + uncertainty[:, None] * normal, 0.0)
 
 
-def _find_ends(
+def _find_interval_ends(
     drawn: Mapping[str, Array], nominal_ball: Array, limit: float, draws: int
 ) -> tuple[Array, ...]:
     """Find the ends of both intervals and the share that is held, each of shape (rows,)."""
@@ -106,7 +106,7 @@ def _find_ends(
         "edge_radius": drawn["edge_radius"],
     }
     angle = _ANY_STEP.angles(ball, **dimensions).forward
-    force, energy = kernels.compute_release(
+    force, energy = kernels.compute_force_and_energy(
         angle,
         drawn["friction"],
         drawn["normal_load"],

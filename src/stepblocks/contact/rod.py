@@ -113,7 +113,7 @@ class RodRing:
             decay_time=self.decay_time,
         )
 
-    def mean_energy(self, duration: float) -> float:
+    def compute_mean_energy(self, duration: float) -> float:
         """Return the mean over a time [s] of the ring's energy, that at the start taken as 1."""
         spent = 2.0 * duration / self.decay_time
         if not spent:
@@ -272,7 +272,7 @@ def _assemble_matrices(rod: Rod, sheath: Sleeve | Hold | None) -> _Matrices:
 
 
 def _place_nodes(rod: Rod, sheath: Sleeve | Hold | None) -> Array:
-    """Places of the nodes in units of the free length; every end of a sheath is one."""
+    """Place the nodes in units of the free length; every end of a sheath is one."""
     ends = {0.0, 1.0}
     if isinstance(sheath, Sleeve):
         for place in (sheath.start, sheath.start + sheath.length):
@@ -368,7 +368,7 @@ def compute_modes(
 
 
 def compute_clamp_force(modes: Sequence[Mode], time: Array, blow: bool = False) -> Array:
-    """Force on the clamp [N] after a pull of 1 N was let go at the tip; times in s.
+    """Return the force on the clamp [N] after a pull of 1 N was let go at the tip; times in s.
 
     It can also follow a blow of 1 N s there.
     """
@@ -403,7 +403,7 @@ def compute_finger_share(
     hand: Hand = STYLUS_HAND,
     duration: float = PAPER.tool.ring_duration,
 ) -> float:
-    """Share of the stored energy that the grasp of a hand takes up as vibration over a time [1]."""
+    """Return the share of the stored energy that a grasping hand takes up as vibration [1]."""
     from scipy.linalg import expm, solve_continuous_lyapunov
 
     held = _HeldRod.assemble(rod, modes, hand)

@@ -9,7 +9,7 @@ from statistics import NormalDist
 import numpy as np
 
 from stepblocks.contact import Array, kernels
-from stepblocks.contact.counterface import Counterface, take_counterface
+from stepblocks.contact.counterface import Counterface, convert_to_counterface
 from stepblocks.contact.domain import Real, Scanned, read_number, require_not_negative
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import OperatingPoint
@@ -77,7 +77,7 @@ def convert_half_widths(half_widths: Mapping[str, float]) -> dict[str, float]:
 
 
 def list_inputs(face: Counterface, point: OperatingPoint) -> dict[str, float]:
-    """Everything that force and energy depend on, by name [SI]."""
+    """List all quantities on which force and energy depend, by name [SI]."""
     return face.dimensions | {
         "ball_radius": point.ball_radius,
         "friction": point.friction,
@@ -101,7 +101,7 @@ def compute_deviated_releases(
             deviated[name] = np.maximum(nominal + deviations.get(name, 0.0), 0.0)
     ball = np.maximum(deviated["ball_radius"], SMALLEST_BALL * point.ball_radius)
     angles = kernels.Angles(*face.angles(ball, **dimensions))
-    force, energy = kernels.compute_release(
+    force, energy = kernels.compute_force_and_energy(
         angles.select_direction(backward),
         deviated["friction"],
         deviated["normal_load"],
@@ -119,24 +119,27 @@ def compute_sensitivities(
     uncertainty: Mapping[str, float],
     backward: bool = False,
 ) -> dict[str, float]:
-    """Derive ln E_v = 2 ln F - ln k + ln C_v by each uncertain input, per unit of the input.
+    """Differentiate ln E_v with respect to each uncertain input, per unit of the input.
 
-    NaN where the drag does not release at both ends of a difference.
+    It is ``ln E_v = 2 ln F - ln k + ln C_v``. NaN where the drag does not release at both
+    ends of a difference.
     """
-    closed_forms = _derive_in_closed_form(face, point, backward)
+    closed_forms = _differentiate_in_closed_form(face, point, backward)
     sensitivities = {}
     for name in uncertainty:
         if name in closed_forms:
             sensitivities[name] = closed_forms[name]
         else:
-            sensitivities[name] = _derive_by_differences(face, point, uncertainty, name, backward)
+            sensitivities[name] = _differentiate_by_differences(
+                face, point, uncertainty, name, backward
+            )
     return sensitivities
 
 
-def _derive_in_closed_form(
+def _differentiate_in_closed_form(
     face: Counterface, point: OperatingPoint, backward: bool
 ) -> dict[str, float]:
-    """Derive ln E_v by all inputs of which the derivative has a closed form."""
+    """Differentiate ln E_v with respect to all inputs for which there is a closed form."""
     release = face.release(point, backward)
     if release.status is not Status.RELEASES:
         raise ContactError(f"an edge that is {release.status} has no sensitivity")
@@ -155,14 +158,14 @@ def _derive_in_closed_form(
     return slopes
 
 
-def _derive_by_differences(
+def _differentiate_by_differences(
     face: Counterface,
     point: OperatingPoint,
     uncertainty: Mapping[str, float],
     name: str,
     backward: bool,
 ) -> float:
-    """Derive ln E_v by one input over a small part of its uncertainty."""
+    """Differentiate ln E_v with respect to one input over a small part of its uncertainty."""
     step = _STEP * uncertainty[name]
     if not step > 0.0:
         return 0.0
@@ -224,9 +227,9 @@ def estimate_interval(
     True
     """
     check_seed(seed)
-    face = take_counterface(face)
+    face = convert_to_counterface(face)
     names = list(list_inputs(face, point))
-    known = _read_uncertainty(uncertainty, names)
+    known = _read_uncertainties(uncertainty, names)
     release = face.release(point, backward)
     standard = draw_standard_normal(len(names), draws, seed)
     normal = dict(zip(names, standard, strict=True))
@@ -256,7 +259,9 @@ def estimate_interval(
     )
 
 
-def _read_uncertainty(uncertainty: Mapping[str, Measure], names: Sequence[str]) -> dict[str, float]:
+def _read_uncertainties(
+    uncertainty: Mapping[str, Measure], names: Sequence[str]
+) -> dict[str, float]:
     """Return uncertainties [SI] in the order of their inputs; refuse unknown or negative ones."""
     read = {}
     for name, value in uncertainty.items():
@@ -288,7 +293,7 @@ def _estimate_to_first_order(
 
 
 def find_quantiles(values: Array, draws: int) -> tuple[Array, Array]:
-    """Find both ends of the draws along the last axis, shape (..., draws).
+    """Find both ends of the 95 % interval of draws along the last axis, shape (..., draws).
 
     They are the inverse of the empirical distribution, numpy's "inverted_cdf", but that a share of
     the draws which is a whole number but for rounding is that number.

@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, replace
 from typing import NamedTuple
 
 from stepblocks.contact.domain import require_not_negative, require_positive
-from stepblocks.contact.kernels import compute_softened_force
+from stepblocks.contact.kernels import compute_unhardened_force
 from stepblocks.contact.laws import ContactLaw, FrictionLaw, Hertz
 from stepblocks.contact.operating_point import PAPER, OperatingPoint, Tool
 from stepblocks.errors import ContactError
@@ -106,7 +106,7 @@ class Probe:
     def compute_stretch(self, force: float) -> float:
         """Stretch of the spring under a force [m]."""
         if self.hardening > 0.0:
-            force = float(compute_softened_force(force, self.hardening / self.stiffness**3))
+            force = float(compute_unhardened_force(force, self.hardening / self.stiffness**3))
         return force / self.stiffness
 
     def compute_energy(self, force: float, steady_force: float = 0.0) -> float:

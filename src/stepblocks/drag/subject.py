@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
-from stepblocks.contact.counterface import Counterface, Profile, Step, take_counterface
+from stepblocks.contact.counterface import Counterface, Profile, Step, convert_to_counterface
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.declaration.read import Sets, load_sets
 from stepblocks.declaration.select import matches_pattern
@@ -48,14 +48,14 @@ def resolve_subject(
         if hasattr(subject, "__len__"):  # a table or arrays
             subject = load_scan(cast("Scan", subject), layout=layout)
         name = getattr(subject, "id", "a counterface")
-        return _take_surface(name, take_counterface(subject), values)
+        return _take_surface(name, convert_to_counterface(subject), values)
     path = Path(subject)
     suffix = path.suffix.lower()
     if suffix == ".csv":
         profile = _read_profile(path, layout)
         return _take_surface(escape_file_name(path.name), profile, values, f"[{path}]")
     if suffix not in ("", ".toml") and path.is_file():  # of an instrument
-        face = take_counterface(load_scan(path, layout=layout))
+        face = convert_to_counterface(load_scan(path, layout=layout))
         return _take_surface(escape_file_name(path.name), face, values, f"[{path}]")
     refuse_layout(layout, "a step or a declared stimulus", PipelineError)
     try:

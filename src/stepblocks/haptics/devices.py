@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, BeforeValidator, Field
 
 from stepblocks.contact.energy import Status
-from stepblocks.contact.event import VibrationEvent, replace_nan_by_none
+from stepblocks.contact.event import VibrationEvent, replace_not_finite_by_none
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.errors import HapticsError
 from stepblocks.files.text import read_document
@@ -212,7 +212,7 @@ class RenderingPlan:
         fields["verdict"] = self.verdict.value
         fields["reasons"] = list(self.reasons)
         record = {}
-        for name, value in replace_nan_by_none(fields).items():
+        for name, value in replace_not_finite_by_none(fields).items():
             key = name
             if name in _UNITS:
                 key = f"{name}_{_UNITS[name]}"

@@ -150,8 +150,8 @@ def _tabulate_ring(condition: Condition, bare: Condition, tool: Tool) -> dict[st
     spread = tool.frequency_deviation / tool.frequency
     frequency_shift = ring.frequency - bare.ring.frequency
     decay_shift = ring.decay_time - bare.ring.decay_time
-    bare_work = bare.ring.stiffness / bare.ring.mean_energy(duration)
-    energy_ratio = bare_work * ring.mean_energy(duration) / ring.stiffness
+    bare_work = bare.ring.stiffness / bare.ring.compute_mean_energy(duration)
+    energy_ratio = bare_work * ring.compute_mean_energy(duration) / ring.stiffness
     sensor_ratio = condition.sensed / bare.sensed
     return {
         "sheath": condition.sheath or "none",

@@ -16,7 +16,7 @@ from stepblocks.contact.energy import find_release
 from stepblocks.contact.many_intervals import (
     STEP_INPUTS,
     IntervalEnds,
-    estimate_ends_of_steps,
+    estimate_step_intervals,
 )
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.errors import ContactError, PipelineError
@@ -217,7 +217,7 @@ def _find_ends(columns: dict[str, Array], angle: Array) -> IntervalEnds:
     """Find the ends of all intervals; both are the value itself where a row is known exactly."""
     inputs = {name: columns[name] for name in STEP_INPUTS}
     limit = PAPER.tool.limits.first.force
-    force, energy = kernels.compute_release(
+    force, energy = kernels.compute_force_and_energy(
         angle, inputs["friction"], inputs["normal_load"], inputs["stiffness"], inputs["conversion"]
     )
     is_held = force > limit
@@ -232,6 +232,6 @@ def _find_ends(columns: dict[str, Array], angle: Array) -> IntervalEnds:
         for name, values in inputs.items():
             middles[name] = values[is_uncertain]
             stds[name] = columns[f"u_{name}"][is_uncertain]
-        drawn = estimate_ends_of_steps(middles, stds, limit, draws=_DRAWS)
+        drawn = estimate_step_intervals(middles, stds, limit, draws=_DRAWS)
         ends[:, is_uncertain] = astuple(drawn)
     return IntervalEnds(*ends)

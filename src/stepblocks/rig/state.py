@@ -306,8 +306,8 @@ def _compute_spring(state: DragState, force: Floats, sliding: Floats) -> _Spring
         stored = kernels.compute_stored_energy(force, state.stiffness)
         return _Spring(stored, unity, unity, unity)
     cubic = state.hardening
-    low = kernels.compute_softened_force(sliding, cubic)
-    top = kernels.compute_softened_force(force, cubic)
+    low = kernels.compute_unhardened_force(sliding, cubic)
+    top = kernels.compute_unhardened_force(force, cubic)
     # the least-squares line through u + g u^3 over a stretch of u, in closed form
     half = 0.5 * _LINE_SHARE * np.maximum(top - low, 0.0)
     middle = low + half

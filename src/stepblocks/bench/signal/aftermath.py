@@ -18,7 +18,7 @@ from stepblocks.bench.signal.rubbing import (
 )
 from stepblocks.bench.signal.saw import Sawtooth
 from stepblocks.bench.signal.separable import guess_ring
-from stepblocks.contact.kernels import compute_softened_force
+from stepblocks.contact.kernels import compute_unhardened_force
 
 # [s] first samples after the peak, in which the sensor itself follows; no tie with a sample
 _RELEASE_TIME = 0.25e-3
@@ -250,7 +250,7 @@ def _measure_swing(
     )
     bottom = find_first_swing(motion)
     # a tool that hardens swings less far below its level than above it, where it was let go
-    swung = compute_softened_force(max(bottom.depth, 0.0), approach.hardening_coefficient)
+    swung = compute_unhardened_force(max(bottom.depth, 0.0), approach.hardening_coefficient)
     depth = bottom.depth
     depth += (
         3.0

@@ -23,7 +23,7 @@ from stepblocks.bench.signal.separable import (
     guess_ring,
     propagate_std,
 )
-from stepblocks.contact.kernels import compute_softened_force
+from stepblocks.contact.kernels import compute_unhardened_force
 
 BEGIN = 8e-3  # time after the slip in which a wrong fit of a ring shows [s]
 # decay time of the release [s]
@@ -322,8 +322,8 @@ class _HardeningTool:
         """
         from stepblocks.bench.signal.kernels import integrate_swing
 
-        at_rest = compute_softened_force(about, self.cubic)
-        at_release = compute_softened_force(about + 1.0, self.cubic)
+        at_rest = compute_unhardened_force(about, self.cubic)
+        at_release = compute_unhardened_force(about + 1.0, self.cubic)
         softening = math.sqrt(1.0 + 3.0 * self.cubic * at_rest**2)
         omega = 2.0 * math.pi * self.frequency / softening
         time = np.abs(since)  # a little before the release the same as after it

@@ -94,7 +94,7 @@ class CentrePath:
             slope = np.where(is_asked, slope, -np.inf)
         piece = int(np.argmax(slope))
         knot = piece + first_knot
-        angle = _find_angle(float(slope[piece]))
+        angle = _find_catch_angle(float(slope[piece]))
         return Notch(float(self.x[knot]), float(self.z[knot]), angle)
 
     def scaled(self, scale: float) -> "CentrePath":
@@ -107,8 +107,8 @@ class CentrePath:
         return CentrePath(x, z, self.slope_start, self.slope_end, feature=feature)
 
 
-def _find_angle(slope: float) -> float:
-    """Find the critical angle of a slope [rad]; 0 where it is too small to catch."""
+def _find_catch_angle(slope: float) -> float:
+    """Convert a slope to a critical angle [rad]; 0 where it is too small to catch."""
     if slope >= STEEPEST:
         return 0.5 * math.pi
     angle = math.atan(max(slope, 0.0))
@@ -123,7 +123,7 @@ def find_outline(points: ArrayLike) -> tuple[list[Disc], list[Line]]:
     Equal x make a vertical wall.
     """
     corners = np.asarray(points, dtype=np.float64)
-    if not _is_outline(corners):
+    if not _is_usable_profile(corners):
         raise ContactError(
             f"a profile must have 2 to {_MOST_CORNERS} finite points that do not descend in x, got "
             f"{len(corners)}"
@@ -136,8 +136,8 @@ def find_outline(points: ArrayLike) -> tuple[list[Disc], list[Line]]:
     return discs, lines
 
 
-def _is_outline(corners: Array) -> bool:
-    """Whether corners, shape (n, 2), are finite, do not descend in x and are not too many."""
+def _is_usable_profile(corners: Array) -> bool:
+    """Tell whether corners, shape (n, 2), are finite, few enough, and do not descend in x."""
     # every corner becomes a circle, and every circle is compared with every other
     if not 2 <= len(corners) <= _MOST_CORNERS:
         return False
@@ -240,6 +240,7 @@ class _Shapes:
         from scipy.optimize import brentq
 
         def compute_difference(x: float) -> float:
+            """Return the height of the first shape over the second at a place [m]."""
             first, second = self.compute_heights(pair, x).tolist()
             if math.isinf(first) or math.isinf(second):
                 return math.copysign(1.0, first)

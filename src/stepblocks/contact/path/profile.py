@@ -60,7 +60,7 @@ def build_profile_path(
     """
     # exact dilation, h(x) = max_u z(u) - t(u - x), at positions that must increase
     require_positive("ball radius", ball_radius, "m")
-    xs, zs = _check_profile(x, z)
+    xs, zs = _convert_profile(x, z)
     measured = _list_elements(xs, zs, ball_radius)
     elements = _add_level_ends(measured, xs, zs, ball_radius)
     if positions is None:
@@ -71,7 +71,7 @@ def build_profile_path(
 
 
 def _add_level_ends(elements: Array, x: Array, z: Array, ball_radius: float) -> Array:
-    """Let the surface go on level beyond both ends, farther than the tip reaches."""
+    """Continue the surface level beyond both ends, farther than the tip reaches."""
     is_measured = np.isfinite(z)
     first, last = x[is_measured][[0, -1]]
     start, end = z[is_measured][[0, -1]]
@@ -82,7 +82,7 @@ def _add_level_ends(elements: Array, x: Array, z: Array, ball_radius: float) -> 
 
 
 def _list_elements(x: Array, z: Array, radius: float) -> Array:
-    """Segments of a profile with the offset at which the ball is as steep as each [m].
+    """List segments of a profile with the offset at which the ball is as steep as each [m].
 
     The shape is (m, 5); a measured point without a measured neighbour is a segment of no length.
     """
@@ -105,8 +105,8 @@ def _list_elements(x: Array, z: Array, radius: float) -> Array:
     return np.ascontiguousarray(np.column_stack([x0, z0, x1, z1, offset]))
 
 
-def _check_profile(x: ArrayLike, z: ArrayLike) -> tuple[Array, Array]:
-    """Return positions and heights [m] as arrays, or refuse what has no path."""
+def _convert_profile(x: ArrayLike, z: ArrayLike) -> tuple[Array, Array]:
+    """Convert positions and heights [m] to arrays; refuse those that have no path."""
     xs, zs = np.asarray(x, dtype=np.float64), np.asarray(z, dtype=np.float64)
     require_points(xs, zs)
     if not np.isfinite(xs).all():
@@ -119,7 +119,7 @@ def _check_profile(x: ArrayLike, z: ArrayLike) -> tuple[Array, Array]:
 
 
 def _choose_positions(x: Array, ball_radius: float) -> Array:
-    """Positions of the tip [m]: every point, and between them so many that none is far."""
+    """Choose positions of the tip [m]: every point, and so many between that none is far."""
     # a ball meets the first point from a radius away
     ends = np.concatenate([[x[0] - ball_radius], x, [x[-1] + ball_radius]])
     widths = np.diff(ends)
@@ -156,9 +156,9 @@ def find_steepest_catch(path: TipPath, within: tuple[float, float] | None = None
     """
     least = -math.inf
     if within is None:
-        least = _find_least_steepest(path)
+        least = _bound_steepest_slope(path)
     # steepest rise between neighbouring positions, its place, and the contact there, (n - 1, 3)
-    steepest = kernels.find_steepest_in_each(
+    steepest = kernels.find_steepest_in_intervals(
         path.position,
         path.height,
         path.contact,
@@ -166,7 +166,7 @@ def find_steepest_catch(path: TipPath, within: tuple[float, float] | None = None
         least,
         path.elements,
         path.ball_radius,
-        _find_tolerance(path),
+        _find_jump_width(path),
     )
     if np.isnan(steepest[:, 0]).all():
         raise ContactError("path has no two neighbouring positions with a surface under the tip")
@@ -180,7 +180,7 @@ def find_steepest_catch(path: TipPath, within: tuple[float, float] | None = None
     return Catch(position, contact, math.atan(max(slope, 0.0)))
 
 
-def _find_least_steepest(path: TipPath) -> float:
+def _bound_steepest_slope(path: TipPath) -> float:
     """Find a lower bound of the steepest slope [1]: only steeper intervals count.
 
     The mean slope of an interval is never more than its greatest; a little less guards against
@@ -193,7 +193,7 @@ def _find_least_steepest(path: TipPath) -> float:
     return float(measured.max()) * (1.0 - 1e-9) - 1e-9
 
 
-def _find_tolerance(path: TipPath) -> float:
+def _find_jump_width(path: TipPath) -> float:
     """Find the width [m] below which an interval that still climbs is a jump."""
     farthest = np.abs(path.position).max()
     of_rounding = 4.0 * float(np.spacing(farthest))

@@ -26,7 +26,7 @@ _GREATEST = 1e12  # slope from which that share is not taken
 def _compute_resting_height(
     u: float, x: float, x0: float, z0: float, x1: float, z1: float, radius: float
 ) -> float:
-    """Height at which the ball at `x` rests on a segment's point `u` [m].
+    """Return the height at which the ball at `x` rests on a segment's point `u` [m].
 
     The point is within its reach but for rounding.
     """
@@ -45,7 +45,7 @@ def _compute_resting_height(
 def find_best_contact(
     x: float, first: int, last: int, elements: Array, radius: float
 ) -> tuple[float, float, int]:
-    """Height of the tip at `x`, contact position and element among `first` to `last`, or -1."""
+    """Find height of the tip at `x`, contact and element of `first` to `last`; -1 without one."""
     low, high = x - radius, x + radius
     best, contact, touched = -np.inf, math.nan, -1
     for element in range(first, last + 1):
@@ -115,7 +115,7 @@ def dilate_profile(
 
 @njit(cache=True)
 def _compute_slope(x: float, u: float, radius: float) -> float:
-    """Slope of the path just ahead of the ball at `x` that touches at `u` [1]."""
+    """Return the slope of the path just ahead of the ball at `x` that touches at `u` [1]."""
     ahead = u - x
     if abs(ahead) >= radius:
         return math.copysign(np.inf, ahead)
@@ -124,7 +124,7 @@ def _compute_slope(x: float, u: float, radius: float) -> float:
 
 @njit(cache=True)
 def compute_path_slopes(positions: Array, contact: Array, touched: Array, radius: float) -> Array:
-    """Slope of the path at each position, from the contact found there [1].
+    """Return the slope of the path at each position, from the contact found there [1].
 
     NaN where nothing is touched.
     """
@@ -137,7 +137,7 @@ def compute_path_slopes(positions: Array, contact: Array, touched: Array, radius
 
 @njit(cache=True)
 def _compute_rounding_allowance(slope: float) -> float:
-    """By how much a slope may differ from another along one line [1]."""
+    """Return by how much two slopes along one line may differ by rounding [1]."""
     return _SAME * min(abs(slope), _GREATEST)
 
 
@@ -150,7 +150,7 @@ def _find_steepest_between(
     radius: float,
     tolerance: float,
 ) -> tuple[float, float, float]:
-    """Greatest slope over `best` of the path between two `ends`, where, and the contact there.
+    """Find the greatest slope above `best` between two `ends`, its place, and the contact there.
 
     Ends are (x, h, x, h) [m]. While one element is touched the path is concave and steepest at its
     left end: only brackets whose ends touch different elements are halved, and one of the width
@@ -189,7 +189,7 @@ def _find_steepest_between(
 
 
 @njit(cache=True)
-def find_steepest_in_each(
+def find_steepest_in_intervals(
     positions: Array,
     height: Array,
     contact: Array,
@@ -199,7 +199,7 @@ def find_steepest_in_each(
     radius: float,
     tolerance: float,
 ) -> Array:
-    """Steepest rise between neighbours, where, and the contact there, shape (n - 1, 3).
+    """Find the steepest rise in each interval, its place, and the contact there, (n - 1, 3).
 
     Of intervals that rise by less than `floor` [1] it is that of the left end.
     """

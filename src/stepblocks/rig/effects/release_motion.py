@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from stepblocks.compute.compiled import njit
 from stepblocks.contact import Array
-from stepblocks.contact.kernels import compute_softened_force
+from stepblocks.contact.kernels import compute_unhardened_force
 
 _STEPS_PER_RADIAN = 30.0  # of the tool's swing: E_v within 3 % of that of ever smaller steps
 _MOST_RADIANS = 400.0  # a tip that is still on the edge climbs down with the handle
@@ -223,7 +223,7 @@ def _integrate_distinct_climbs(case: "_Cases") -> Array:
     tips[:, _DRAG] = drag
     tips[:, _CUBIC] = case.cubic
     tips[:, [_FORCE, _PEAK, _LOWEST_FORCE]] = start[:, None]
-    tips[:, _HANDLE] = compute_softened_force(start, case.cubic) / case.stiffness
+    tips[:, _HANDLE] = compute_unhardened_force(start, case.cubic) / case.stiffness
     tips[:, _LAST] = 1.0 - case.height
     tips[:, _REACH] = np.sin(edge)
     # the slowest first: one that climbs down with the handle at last would move in a lane alone
@@ -240,7 +240,7 @@ def _integrate_distinct_climbs(case: "_Cases") -> Array:
 def _compute_ring_share(case: "_Cases", friction: Array, peak: Array, lowest: Array) -> Array:
     """Energy of the first swing below sliding over that stored at the peak, undamped [1]."""
     forces = np.stack([friction, lowest, peak])
-    level, low, top = compute_softened_force(forces, case.cubic)
+    level, low, top = compute_unhardened_force(forces, case.cubic)
     quadratic = 0.5 * (low**2 - level**2)
     quartic = 0.25 * case.cubic * (low**4 - level**4)
     swing = quadratic + quartic - friction * (low - level)
