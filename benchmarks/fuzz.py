@@ -400,7 +400,7 @@ def _traces(work: Path) -> Iterator[Kind]:
 
 def _parts(work: Path) -> Iterator[Kind]:
     from stepblocks.artefacts.check import check_artefact
-    from stepblocks.artefacts.step.check_step import check_step, format_step_table
+    from stepblocks.artefacts.step.check_step import check_step, format_step_requirements
     from stepblocks.build.run import build_sets
     from stepblocks.declaration.read import load_set
 
@@ -416,7 +416,7 @@ def _parts(work: Path) -> Iterator[Kind]:
         "step",
         (
             [("sheath-hard.step", (folder / "sheath-hard.step").read_bytes())],
-            lambda path: format_step_table(check_step(path)),
+            lambda path: format_step_requirements(check_step(path)),
         ),
     )
     for ending in ("stl", "obj", "ply", "3mf", "glb", "convex.obj", "png"):

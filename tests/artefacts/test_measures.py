@@ -85,20 +85,20 @@ def test_a_hole_a_flip_and_a_double_are_counted_by_their_edges():
 
 def test_levels_beside_an_edge_are_distinguished_by_their_side():
     mesh = MeshMeasures(*stairs())
-    assert mesh.measure_level_beside(0.0, -1) == pytest.approx(0.0, abs=1e-15)
-    assert mesh.measure_level_beside(0.0, +1) == pytest.approx(43e-6, abs=1e-15)
-    assert math.isnan(mesh.measure_level_beside(1e-3, +1))
+    assert mesh.measure_face_height_beside(0.0, -1) == pytest.approx(0.0, abs=1e-15)
+    assert mesh.measure_face_height_beside(0.0, +1) == pytest.approx(43e-6, abs=1e-15)
+    assert math.isnan(mesh.measure_face_height_beside(1e-3, +1))
 
 
 def test_a_level_begins_where_its_connected_face_begins():
     vertices, faces = stairs()
     mesh = MeshMeasures(vertices, faces)
-    assert mesh.find_level_start(43e-6) == pytest.approx(0.0, abs=1e-15)
+    assert mesh.find_level_face_start(43e-6) == pytest.approx(0.0, abs=1e-15)
     # the same height elsewhere, not joined to the right end, is another face
     island, _ = box((1e-3, 1e-3, 43e-6), (-4e-3, 0.0, 0.0))
     more = MeshMeasures(np.concatenate([vertices, island]), np.concatenate([faces, FACES + 16]))
-    assert more.find_level_start(43e-6) == pytest.approx(0.0, abs=1e-15)
-    assert math.isnan(mesh.find_level_start(1e-3))
+    assert more.find_level_face_start(43e-6) == pytest.approx(0.0, abs=1e-15)
+    assert math.isnan(mesh.find_level_face_start(1e-3))
 
 
 def test_a_wall_is_found_by_the_side_it_faces():

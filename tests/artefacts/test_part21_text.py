@@ -8,12 +8,12 @@ import pytest
 
 from oracles.part21_text import MILLIMETRE, SHAPE, exchange_of, face, text_of
 from stepblocks.artefacts.step import exchange
-from stepblocks.artefacts.step.check_step import check_step, format_step_table
+from stepblocks.artefacts.step.check_step import check_step, format_step_requirements
 from stepblocks.artefacts.step.dimensions import list_dimensions
 from stepblocks.artefacts.step.exchange import Typed, is_reference, read_number
 from stepblocks.artefacts.step.tolerances import list_tolerances
 from stepblocks.artefacts.step.units import (
-    find_untyped_measures,
+    find_mistyped_measures,
     read_densities,
     read_measure,
     read_unit,
@@ -168,7 +168,7 @@ def test_a_measure_is_the_nearest_double_of_its_si_value(unit, value, metres, tm
     ],
 )
 def test_measures_must_be_typed_and_fit_their_unit(measure, finding, tmp_path):
-    (found,) = find_untyped_measures(exchange_of(f"{UNITS}#20={measure};", tmp_path))
+    (found,) = find_mistyped_measures(exchange_of(f"{UNITS}#20={measure};", tmp_path))
     assert found.startswith("#20 ")
     assert finding in found
 
@@ -302,7 +302,7 @@ def test_anybodys_file_is_reported_as_a_table_with_what_is_wrong(tmp_path):
     )
     report = check_step(str(path))
     assert not report.passes
-    table = format_step_table(report)
+    table = format_step_requirements(report)
     assert table.splitlines()[0] == "any.step: CONFIG_CONTROL_DESIGN"
     assert "linear distance" in table
     assert (

@@ -9,7 +9,7 @@ import pytest
 from oracles.shipped import load_shipped
 from stepblocks.artefacts.rings import (
     WAV_RATES,
-    find_largest_force,
+    find_largest_wav_force,
     write_wav,
 )
 from stepblocks.contact.event import (
@@ -79,7 +79,7 @@ def test_most_of_the_ring_lies_where_the_paper_found_it():
 def test_wav_read_by_another_library_holds_the_energy(tmp_path, event, rate):
     soundfile = pytest.importorskip("soundfile")
     path = tmp_path / "ring.wav"
-    full_scale = 1.5 * find_largest_force(event)  # as in a set that holds a louder one
+    full_scale = 1.5 * find_largest_wav_force(event)  # as in a set that holds a louder one
     write_wav(path, event, rate, full_scale)
     samples, read_rate = soundfile.read(path, dtype="float64")
     info = soundfile.info(path)
@@ -95,7 +95,7 @@ def test_a_simulated_waveform_replaces_the_exponential(tmp_path):
 
     samples = 3.0 * np.sin(np.linspace(0.0, 20.0, 500))
     simulated = replace(RINGING[0], waveform=Waveform(samples, 10_000, 0.0, 1.0, 1.0, 1.0))
-    full_scale = find_largest_force(simulated)
+    full_scale = find_largest_wav_force(simulated)
     write_wav(tmp_path / "drag.wav", simulated, 10_000, full_scale)
     _, read = wavfile.read(tmp_path / "drag.wav")
     assert read * full_scale == pytest.approx(samples, abs=1e-6)

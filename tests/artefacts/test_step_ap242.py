@@ -16,7 +16,7 @@ from oracles.written_steps import STIMULI, written
 from stepblocks.artefacts.check import check_artefact
 from stepblocks.artefacts.check_part import check_part_step
 from stepblocks.artefacts.meshes.write import write_stl
-from stepblocks.artefacts.step.check_step import check_step, format_step_table
+from stepblocks.artefacts.step.check_step import check_step, format_step_requirements
 from stepblocks.artefacts.step.exchange import read_exchange
 from stepblocks.artefacts.step.faces import find_faces
 from stepblocks.artefacts.step.write import write_step_ap242
@@ -374,6 +374,6 @@ def test_nist_ctc_01_reports_the_values_that_stand_in_the_file():
     assert all(
         abs(one.deviation) < 1e-9 for one in report.dimensions if one.deviation == one.deviation
     )
-    table = format_step_table(report)
+    table = format_step_requirements(report)
     assert "60" in table
     assert "+0.2" in table

@@ -108,15 +108,15 @@ def _judge_pieces(path: Path, part: Part) -> Iterator[Verdict]:
 
 def _judge_picture(path: Path, part: Part) -> Iterator[Verdict]:
     """Judge whether enough pixels of a picture differ from its background."""
-    content = read_confined(f"{__name__}:read_picture", path, raises=MetrologyError)
+    content = read_confined(f"{__name__}:read_brightness_in_worker", path, raises=MetrologyError)
     brightness = content["pixels"].astype(np.float64)
     background = np.median(brightness)
     drawn = np.mean(np.abs(brightness - background) > _DRAWN)
     yield Finding("something is drawn", 1.0, float(drawn > _LEAST_DRAWN), 0.0, "count")
 
 
-def read_picture(path: Path) -> dict[str, object]:
-    """Read the brightness of a picture, 0 to 255, in the confined process."""
+def read_brightness_in_worker(path: Path) -> dict[str, object]:
+    """Read the brightness of a picture, 0 to 255, as ``pixels``; runs in the confined process."""
     from PIL import Image
 
     with Image.open(path) as image:

@@ -47,7 +47,7 @@ class _Sidecar:
 
 def judge_tiff(path: Path, part: Part) -> Iterator[Verdict]:
     """Judge the depth and the heights of a TIFF."""
-    content = read_confined(f"{__name__}:read_tiff", path, raises=MetrologyError)
+    content = read_confined(f"{__name__}:read_tiff_in_worker", path, raises=MetrologyError)
     heights = content["pixels"]
     bits = 8.0 * heights.dtype.itemsize
     is_floating = heights.dtype.kind == "f"
@@ -57,8 +57,8 @@ def judge_tiff(path: Path, part: Part) -> Iterator[Verdict]:
     )
 
 
-def read_tiff(path: Path) -> dict[str, object]:
-    """Read the heights of a TIFF as they are stored, in the confined process."""
+def read_tiff_in_worker(path: Path) -> dict[str, object]:
+    """Read the heights of a TIFF as they are stored; runs in the confined process."""
     from PIL import Image
 
     with Image.open(path) as image:
@@ -67,7 +67,7 @@ def read_tiff(path: Path) -> dict[str, object]:
 
 def judge_npz(path: Path, part: Part) -> Iterator[Verdict]:
     """Judge the heights and the positions of an npz."""
-    content = read_confined(f"{__name__}:read_arrays", path, raises=MetrologyError)
+    content = read_confined(f"{__name__}:read_npz_in_worker", path, raises=MetrologyError)
     sidecar = _read_sidecar(path)
     yield from _judge_heights(path, part, content["height_m"], sidecar)
     # heights that are equal along y cannot tell swapped rows; the positions that the archive gives
@@ -76,8 +76,8 @@ def judge_npz(path: Path, part: Part) -> Iterator[Verdict]:
     yield _judge_positions("y", content["y_m"], sidecar.y)
 
 
-def read_arrays(path: Path) -> dict[str, object]:
-    """Read the heights and positions of an npz, in the confined process."""
+def read_npz_in_worker(path: Path) -> dict[str, object]:
+    """Read the heights and positions of an npz; runs in the confined process."""
     with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
         return {name: np.asarray(archive[name], dtype=np.float64) for name in _ARRAYS}
 

@@ -59,7 +59,7 @@ def judge_part_step(path: Path, part: Part) -> Iterator[Verdict]:
 def _judge_volumes(path: Path, part: Part) -> Iterator[Verdict]:
     """Judge the number of the solids, and the volume of each by the kernel."""
     volumes = part.volumes()
-    content = read_confined(f"{__name__}:measure_volumes", path, raises=MetrologyError)
+    content = read_confined(f"{__name__}:measure_volumes_in_worker", path, raises=MetrologyError)
     measured = content["volumes"]
     yield Finding("solids", len(volumes), len(measured), 0.0, "count")
     pairs = zip(volumes, measured, strict=False)
@@ -74,8 +74,8 @@ def _judge_volumes(path: Path, part: Part) -> Iterator[Verdict]:
         )
 
 
-def measure_volumes(path: Path) -> dict[str, object]:
-    """Integrate the volume of each solid by the kernel, in the confined process [m^3]."""
+def measure_volumes_in_worker(path: Path) -> dict[str, object]:
+    """Integrate the volume of each solid [m^3] by the kernel; runs in the confined process."""
     from stepblocks.cad import kernel
 
     bodies = kernel.read_step(path)
@@ -123,7 +123,7 @@ def check_part_step(path: Path, stimulus: Part) -> PartCheck:
     findings = [*report.findings]
     for match in matches:
         findings += _check_match(match, report)
-    findings += _list_unasked(report, matches)
+    findings += _list_unrequired(report, matches)
     if stimulus.has_working_faces:
         findings += _check_textures(report, stimulus, matches)
     findings += _check_density(report, stimulus)
@@ -191,8 +191,8 @@ def _format_values(required: RequiredCharacteristic) -> str:
     return f"{', '.join(texts)} {unit.name}"
 
 
-def _list_unasked(report: StepReport, matches: Sequence[Match]) -> Iterator[str]:
-    """List what stands in the file and was not asked for."""
+def _list_unrequired(report: StepReport, matches: Sequence[Match]) -> Iterator[str]:
+    """List what the file states and the part does not require."""
     unmatched = list(report.characteristics)
     for match in matches:
         if match.stated is not None:

@@ -124,7 +124,7 @@ def _build_band(event: VibrationEvent) -> dict[str, object]:
 
 
 def _compute_levels(decay_time: float) -> NDArray[np.float64]:
-    """Return the level of the ring at each tick, shape (n,), of 1 at the release.
+    """Return the level of the ring at each tick, shape (n,); it is 1 at the release.
 
     A player goes straight from level to level, above the exponential. All levels are lowered so
     that each stretch has the energy of its piece of the exponential.
@@ -185,5 +185,6 @@ def write_ahap(path: Path, event: VibrationEvent) -> None:
 
 
 def _write_json(path: Path, document: object) -> None:
+    """Write a document as indented JSON in UTF-8; NaN is refused."""
     text = json.dumps(document, indent=1, allow_nan=False) + "\n"
     path.write_text(text, encoding="utf-8", newline="\n")

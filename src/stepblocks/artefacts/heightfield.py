@@ -58,10 +58,10 @@ def sample_height_field(part: Part) -> NDArray[np.float64]:
     HapticsError
         If no shift of the samples keeps clear of all corners of the profile.
     """
-    return _sample(part).heights
+    return _sample_grid(part).heights
 
 
-def _sample(part: Part) -> _HeightField:
+def _sample_grid(part: Part) -> _HeightField:
     """Sample the heights of the working surface on a grid around the edge [m]."""
     x = _choose_positions(part)
     y = _list_positions(-_HALF_Y, _HALF_Y)
@@ -82,7 +82,7 @@ def _choose_positions(part: Part) -> Positions:
 
 
 def _list_positions(low: float, high: float) -> Positions:
-    """List positions between two ends [m]."""
+    """List positions between two ends, in the middles of cells of `SPACING` [m]."""
     first = round(low / SPACING)
     last = round(high / SPACING)
     return np.asarray((np.arange(first, last) + 0.5) * SPACING, dtype=np.float64)
@@ -105,7 +105,7 @@ def write_height_field(stem: Path, part: Part) -> list[Path]:
     """
     import tifffile
 
-    field = _sample(part)
+    field = _sample_grid(part)
     tiff = stem.with_name(f"{stem.name}.tiff")
     npz = stem.with_name(f"{stem.name}.npz")
     sidecar = stem.with_name(f"{stem.name}.json")

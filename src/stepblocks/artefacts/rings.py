@@ -13,8 +13,8 @@ _INT16 = "int16"  # ends the name of a file of whole numbers
 _LARGEST_INT16 = 32767.0
 
 
-def find_largest_force(event: VibrationEvent) -> float:
-    """Find the force that a WAV file of a ring must be able to hold [N]."""
+def find_largest_wav_force(event: VibrationEvent) -> float:
+    """Find the largest force of a ring at any rate of its WAV files [N]."""
     largest = event.amplitude
     for rate in WAV_RATES:
         force = np.abs(compute_ring_force(event, rate))
@@ -22,7 +22,7 @@ def find_largest_force(event: VibrationEvent) -> float:
     return largest
 
 
-def write_wav(path: Path, event: VibrationEvent, rate: int, full: float) -> None:
+def write_wav(path: Path, event: VibrationEvent, rate: int, full_scale: float) -> None:
     """Write a ring as mono WAV.
 
     Parameters
@@ -34,7 +34,7 @@ def write_wav(path: Path, event: VibrationEvent, rate: int, full: float) -> None
         The ring.
     rate : int
         Samples a second [Hz].
-    full : float
+    full_scale : float
         Force [N] at full scale: 1 in float32, 32767 in int16.
 
     Raises
@@ -45,12 +45,12 @@ def write_wav(path: Path, event: VibrationEvent, rate: int, full: float) -> None
     from scipy.io import wavfile
 
     force = compute_ring_force(event, rate)
-    is_sound_scale = math.isfinite(full) and full > 0.0
+    is_sound_scale = math.isfinite(full_scale) and full_scale > 0.0
     if not is_sound_scale or not np.isfinite(force).all():
         raise HapticsError(
             f"a ring must have finite samples, got none from {event.stimulus} {event.drag} [{path}]"
         )
-    samples = force / full
+    samples = force / full_scale
     if path.stem.endswith(_INT16):
         wavfile.write(path, rate, np.round(samples * _LARGEST_INT16).astype(np.int16))
     else:

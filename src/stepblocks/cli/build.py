@@ -184,7 +184,7 @@ def _report_verdicts(checked: "Iterable[tuple[str, list[Verdict]]]", *, verbose:
 
 def _check_step_files(paths: list[Path]) -> Outcome:
     """Check STEP files by themselves; what states too little is not proven."""
-    from stepblocks.artefacts.step.check_step import check_step, format_step_table
+    from stepblocks.artefacts.step.check_step import check_step, format_step_requirements
 
     reports = [check_step(path) for path in paths]
     passed = [report.passes and not report.unproven for report in reports]
@@ -195,7 +195,7 @@ def _check_step_files(paths: list[Path]) -> Outcome:
         code = 3
     return Outcome(
         f"{sum(passed)} of {len(paths)} STEP files hold what they say",
-        notes=["\n\n".join(map(format_step_table, reports))],
+        notes=["\n\n".join(map(format_step_requirements, reports))],
         record={"files": dict(zip(map(str, paths), passed, strict=True))},
         code=code,
     )

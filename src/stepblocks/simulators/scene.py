@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from stepblocks.artefacts.haptic_media import fits_mpeg_haptics, write_ahap, write_hjif
 from stepblocks.artefacts.rings import (
     WAV_RATES,
-    find_largest_force,
+    find_largest_wav_force,
     write_wav,
 )
 from stepblocks.contact.energy import Status
@@ -222,7 +222,7 @@ def find_full_scale_force(events: Events) -> float:
     forces = []
     for event in events:
         if event.status is Status.RELEASES:
-            forces.append(find_largest_force(event))
+            forces.append(find_largest_wav_force(event))
     return max(forces, default=0.0)
 
 
@@ -234,7 +234,7 @@ def write_scene(folder: Path, scene: Scene, form: SceneFormat) -> None:
         write_json(folder / "plan.json", scene.plan.as_record())
     for event in scene.events:
         if event.status is Status.RELEASES:
-            _write_ring(folder, event, scene.full_scale or find_largest_force(event))
+            _write_ring(folder, event, scene.full_scale or find_largest_wav_force(event))
     names = []
     for path in folder.rglob("*"):
         if path.is_file():

@@ -73,13 +73,13 @@ class MeshMeasures:
         return _Planes(normals, 0.5 * lengths)
 
     @property
-    def _is_level(self) -> NDArray[np.bool_]:
+    def _is_upward(self) -> NDArray[np.bool_]:
         """Which triangles face upwards, shape (m,)."""
         return np.asarray(self._planes.normals[:, 2] > _SQUARE)
 
     @property
     def radii(self) -> Floats:
-        """Distances of the vertices from the axis of z [m]."""
+        """Distance of each vertex from the z axis [m]."""
         return np.hypot(self.vertices[:, 0], self.vertices[:, 1])
 
     @cached_property
@@ -111,7 +111,7 @@ class MeshMeasures:
             return 0
         return int(np.count_nonzero((normals * self._planes.normals).sum(axis=1) < 0.0))
 
-    def measure_level_beside(self, edge: float, side: int) -> float:
+    def measure_face_height_beside(self, edge: float, side: int) -> float:
         """Measure the height of the level face beside a line across x [m].
 
         Parameters
@@ -130,13 +130,13 @@ class MeshMeasures:
         z = self.vertices[self.triangles, 2]
         nearest = (side * (x - edge)).min(axis=1)
         touches = (nearest > -_ON_EDGE) & (nearest < _ON_EDGE)
-        chosen = self._is_level & touches
+        chosen = self._is_upward & touches
         if not chosen.any():
             return math.nan
         heights = z[chosen].mean(axis=1)
         return float(np.average(heights, weights=self._planes.areas[chosen]))
 
-    def find_level_start(self, level: float, within: float = _ON_LEVEL) -> float:
+    def find_level_face_start(self, level: float, within: float = _ON_LEVEL) -> float:
         """Find where the level face that reaches the right end of a block begins [m].
 
         Parameters
@@ -154,7 +154,7 @@ class MeshMeasures:
         from trimesh.graph import connected_component_labels
 
         off = np.abs(self.vertices[self.triangles, 2] - level).max(axis=1)
-        chosen = self.triangles[self._is_level & (off < within)]
+        chosen = self.triangles[self._is_upward & (off < within)]
         if not len(chosen):
             return math.nan
         count = len(self.vertices)

@@ -36,7 +36,7 @@ class MeshArrays(NamedTuple):
     normals: NDArray[np.float64] = np.empty((0, 3))
 
 
-def _read_facets(path: Path) -> MeshArrays:
+def _read_stl_or_obj(path: Path) -> MeshArrays:
     """Read STL or OBJ, in millimetres."""
     read = read_stl if path.suffix.lower() == ".stl" else read_obj
     mesh = read(path)
@@ -97,9 +97,9 @@ def _read_with_lib3mf(path: Path) -> MeshArrays:
 
 
 MESH_READERS: dict[str, Callable[[Path], MeshArrays]] = {
-    ".stl": _read_facets,
+    ".stl": _read_stl_or_obj,
     ".ply": _read_with_meshio,
-    ".obj": _read_facets,
+    ".obj": _read_stl_or_obj,
     ".glb": _read_with_vtk,
     ".3mf": _read_with_lib3mf,
 }
@@ -113,25 +113,25 @@ def read_mesh(path: Path) -> MeshArrays:
     MetrologyError
         If it is not a sound mesh of triangles.
     """
-    content = read_confined(f"{__name__}:read_mesh_confined", path, raises=MetrologyError)
+    content = read_confined(f"{__name__}:read_mesh_in_worker", path, raises=MetrologyError)
     return MeshArrays(content["vertices"], content["triangles"], content["normals"])
 
 
-def read_mesh_confined(path: Path) -> dict[str, object]:
-    """Read a mesh file, in the confined process."""
+def read_mesh_in_worker(path: Path) -> dict[str, object]:
+    """Read a mesh file; runs in the confined process."""
     size = path.stat().st_size
     if size > _MOST_BYTES:
         raise MetrologyError(
             f"a mesh file must be at most {_MOST_BYTES} bytes, got {size} [{path.name}]"
         )
     mesh = MESH_READERS[path.suffix.lower()](path)
-    if not is_complete_mesh(mesh):
+    if not has_finite_triangles(mesh):
         raise ValueError("no triangles between finite vertices")
     return mesh._asdict()
 
 
-def is_complete_mesh(mesh: MeshArrays) -> bool:
-    """Tell whether there are triangles, all between finite vertices."""
+def has_finite_triangles(mesh: MeshArrays) -> bool:
+    """Tell whether there are triangles, and all of them join finite vertices."""
     triangles = mesh.triangles
     if not len(triangles) or triangles.min() < 0 or triangles.max() >= len(mesh.vertices):
         return False
@@ -146,15 +146,15 @@ def read_pieces(path: Path) -> list[MeshArrays]:
     MetrologyError
         If it has none, or one is not a sound mesh of triangles.
     """
-    content = read_confined(f"{__name__}:read_pieces_confined", path, raises=MetrologyError)
+    content = read_confined(f"{__name__}:read_pieces_in_worker", path, raises=MetrologyError)
     pieces = []
     for number in range(content["count"]):
         pieces.append(MeshArrays(content[f"vertices {number}"], content[f"triangles {number}"]))
     return pieces
 
 
-def read_pieces_confined(path: Path) -> dict[str, object]:
-    """Read the objects of an OBJ, in the confined process."""
+def read_pieces_in_worker(path: Path) -> dict[str, object]:
+    """Read the objects of an OBJ; runs in the confined process."""
     content: dict[str, object] = {}
     vertices_before = 0
     _, *objects = path.read_text(encoding="ascii").split("\no ")
@@ -189,6 +189,6 @@ def _read_object(lines: Sequence[str], vertices_before: int) -> MeshArrays:
     triangles = np.array(corners, dtype=np.int64) - (vertices_before + 1)
     are_spatial = vertices.shape[1:] == (3,) and triangles.shape[1:] == (3,)
     mesh = MeshArrays(vertices, triangles)
-    if not are_spatial or not is_complete_mesh(mesh):
+    if not are_spatial or not has_finite_triangles(mesh):
         raise ValueError("needs vertices and the triangles between them")
     return mesh

@@ -105,7 +105,7 @@ def draw_callout(
     y = float(box.low[1]) - _BEFORE * size
     bottom = float(box.low[2]) + (_LINE_SPACING * place + 1.0) * size
     start = (left, y, bottom)
-    return _draw_text(text, size, start), ((left - size, y, bottom), _find_middle(target))
+    return _draw_text(text, size, start), ((left - size, y, bottom), _find_box_middle(target))
 
 
 @lru_cache(maxsize=_MOST_TEXTS)
@@ -123,7 +123,7 @@ def _draw_text(text: str, size: float, start: Point) -> tuple[Outline, ...]:
     return tuple(outlines)
 
 
-def _find_middle(face: door.Face) -> Point:
+def _find_box_middle(face: door.Face) -> Point:
     """Find the middle of the box of a face [m]."""
     x, y, z = (0.5 * (low + high) for low, high in zip(face.low, face.high, strict=True))
     return x, y, z

@@ -15,8 +15,8 @@ from stepblocks.artefacts.step.dimensions import list_dimensions
 from stepblocks.artefacts.step.exchange import Exchange, read_exchange
 from stepblocks.artefacts.step.faces import find_faces
 from stepblocks.artefacts.step.tolerances import list_tolerances
-from stepblocks.artefacts.step.units import find_untyped_measures, read_densities, read_measure
-from stepblocks.artefacts.step.vertices import find_moved_vertices
+from stepblocks.artefacts.step.units import find_mistyped_measures, read_densities, read_measure
+from stepblocks.artefacts.step.vertices import find_vertices_off_edges
 from stepblocks.errors import MetrologyError
 from stepblocks.files.confined import read_confined
 from stepblocks.files.pages import render_page
@@ -109,7 +109,7 @@ def check_step(path: str | Path, *, require_ap242: bool = False) -> StepReport:
         If the file is not whole ISO 10303-21 text, or is larger than 128 MiB.
     """
     found = read_confined(
-        f"{__name__}:check_step_confined", Path(path), require_ap242, raises=MetrologyError
+        f"{__name__}:check_step_in_worker", Path(path), require_ap242, raises=MetrologyError
     )
     return _build_report_reader().validate_python(found)
 
@@ -120,20 +120,20 @@ def _build_report_reader() -> TypeAdapter[StepReport]:
     return TypeAdapter(StepReport)
 
 
-def check_step_confined(path: Path, require_ap242: bool) -> dict[str, object]:
-    """Check a file, in the confined process; the result has the fields of a `StepReport`."""
+def check_step_in_worker(path: Path, require_ap242: bool) -> dict[str, object]:
+    """Check a file; returns the fields of a `StepReport`, runs in the confined process."""
     file = read_exchange(path)
     densities, wrong_densities = read_densities(file)
     dimensions = list_dimensions(file)
     tolerances = list_tolerances(file)
-    findings = [*find_untyped_measures(file), *wrong_densities]
+    findings = [*find_mistyped_measures(file), *wrong_densities]
     if require_ap242 and not _is_ap242(file):
         findings.append(f"FILE_SCHEMA: must be AP242, got {', '.join(file.schema) or 'nothing'}")
     for dimension in dimensions:
         findings += _check_dimension(dimension)
     for tolerance in tolerances:
         findings += _check_tolerance(tolerance, require_ap242)
-    findings += find_moved_vertices(file)
+    findings += find_vertices_off_edges(file)
     report = StepReport(
         name=file.name,
         schema=file.schema,
@@ -148,6 +148,7 @@ def check_step_confined(path: Path, require_ap242: bool) -> dict[str, object]:
 
 
 def _is_ap242(file: Exchange) -> bool:
+    """Tell whether a file states the schema AP242."""
     return any(schema.upper().startswith("AP242_MANAGED_MODEL") for schema in file.schema)
 
 
@@ -204,7 +205,7 @@ def _list_textures(file: Exchange) -> Iterator[Texture]:
 
 
 def _list_items(file: Exchange, representation: object) -> Iterator[object]:
-    """List the items of a representation; none of what is no representation."""
+    """List the items of a representation; empty where the reference is not one."""
     parameters = file.get_parameters(representation, "REPRESENTATION")
     if len(parameters) > 1:
         yield from parameters[1]
@@ -219,8 +220,8 @@ def _list_material_names(file: Exchange) -> Iterator[str]:
             yield from map(str, file.get_parameters(item, "DESCRIPTIVE_REPRESENTATION_ITEM")[:1])
 
 
-def format_step_table(report: StepReport) -> str:
-    """Write everything that a STEP file asks for as a table."""
+def format_step_requirements(report: StepReport) -> str:
+    """Write a table of everything that a STEP file requires."""
     # kinds of which limits are shown
     ranged = {dimension.kind for dimension in report.dimensions}
     return unescape(

@@ -118,7 +118,7 @@ def make_conforming(
     MachiningError
         If the text lacks its header, a dimension, or what a note or a texture belongs to.
     """
-    head, section, tail = _split_file(_pin_header(text, identity, order))
+    head, section, tail = _split_file(_replace_file_name_record(text, identity, order))
     data = _read_instances(section)
     _draw_in_black(data)
     _correct_measures(data)
@@ -134,12 +134,12 @@ def make_conforming(
     return f"{head}DATA;\n{instances}ENDSEC;{tail}"
 
 
-def _pin_header(text: str, identity: str, order: OrderSpec) -> str:
+def _replace_file_name_record(text: str, identity: str, order: OrderSpec) -> str:
     """Replace the name, time and author that the kernel states of itself."""
     time = f"{order.date}T00:00:00" if order.date else _PINNED_TIME
-    author = quote(order.author)
-    owner = quote(order.owner)
-    approval = quote(order.approved_by)
+    author = quote_string(order.author)
+    owner = quote_string(order.owner)
+    approval = quote_string(order.approved_by)
     header = (
         f"FILE_NAME('{identity}','{time}',({author}),({owner}),"
         f"'stepblocks','stepblocks',{approval});"
@@ -231,7 +231,7 @@ def _correct_measures(data: _Data) -> None:
 
 
 def _correct_measure(body: str, angle_units: set[str]) -> str:
-    """Correct a measure: its limits get types, a zero is no positive length."""
+    """Correct a measure: its limits get types, a zero is not typed as a positive length."""
     flat = _LINE_BREAK.sub("", body)
     limit = _LIMIT.fullmatch(flat)
     if limit is not None:
@@ -283,7 +283,7 @@ def _state_revision(data: _Data, revision: str) -> None:
         return
     for ref in data.list_simple("PRODUCT_DEFINITION_FORMATION"):
         begin, _, end = data.bodies[ref].split("'", 2)
-        data.bodies[ref] = f"{begin}{quote(revision)}{end}"
+        data.bodies[ref] = f"{begin}{quote_string(revision)}{end}"
 
 
 def _correct_density(data: _Data) -> None:
@@ -335,7 +335,7 @@ def _define_property(
         data.append(f"PROPERTY_DEFINITION_REPRESENTATION({definition},{representation})")
 
 
-def quote(text: str) -> str:
+def quote_string(text: str) -> str:
     """Write text as a string of Part 21: ASCII, other characters by their numbers."""
     doubled = text.replace("\\", "\\\\").replace("'", "''")
     return f"'{''.join(map(_encode_character, doubled))}'"

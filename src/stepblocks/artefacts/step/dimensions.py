@@ -150,7 +150,7 @@ class _Limits:
 
 def _read_limits(file: Exchange, ref: str) -> _Limits:
     """Read the nominal value and the limits, which stand as values or as deviations."""
-    limits = _read_values(file, ref)
+    limits = _read_labelled_values(file, ref)
     if limits.nominal is None:
         return _Limits(None, problem=Problem.NO_VALUE)
     if math.isnan(limits.lower) and math.isnan(limits.upper):
@@ -160,7 +160,7 @@ def _read_limits(file: Exchange, ref: str) -> _Limits:
     return limits
 
 
-def _read_values(file: Exchange, ref: str) -> _Limits:
+def _read_labelled_values(file: Exchange, ref: str) -> _Limits:
     """Read the values of a dimension: the first is the nominal, limits are labelled."""
     nominal = upper = lower = None
     for representation in _list_related(file, ref, "DIMENSIONAL_CHARACTERISTIC_REPRESENTATION", 0):

@@ -61,7 +61,7 @@ def measure_size(surfaces: Sequence[Surface], name: str) -> float | None:
         return None
     (surface,) = surfaces
     if surface.kind == TORUS and len(surface.sizes) == 2:
-        return _measure_ring(surface, name)
+        return _measure_torus(surface, name)
     if surface.kind == CONE and "angle" in name:
         _, half_angle = surface.sizes
         return 2.0 * half_angle
@@ -78,7 +78,7 @@ def _measure_round(surfaces: Sequence[Surface], name: str) -> float | None:
 
 
 def _choose_diameter_or_radius(radius: float, name: str) -> float | None:
-    """Return what the name of a size asks for [m]; None where it names neither."""
+    """Return the size that a name states [m]; None where it is neither diameter nor radius."""
     if "diameter" in name:
         return 2.0 * radius
     if "radius" in name:
@@ -86,8 +86,8 @@ def _choose_diameter_or_radius(radius: float, name: str) -> float | None:
     return None
 
 
-def _measure_ring(torus: Surface, name: str) -> float | None:
-    """Measure what the size of a ring is named after [m].
+def _measure_torus(torus: Surface, name: str) -> float | None:
+    """Measure the size of a torus that its name states [m].
 
     It is that of its middle, of its wire, or of its inner or outer edge.
     """
@@ -216,7 +216,7 @@ def _measure_between(one_face: Surface, another_face: Surface) -> float | None:
     """Measure the distance between two surfaces, round ones from their centres or axes [m]."""
     relation = _find_relation(one_face, another_face)
     if relation.first.kind == PLANE:
-        return abs(relation.along_axis) if _is_level(relation) else None
+        return abs(relation.along_axis) if _is_equidistant_from_plane(relation) else None
     if relation.first.kind == SPHERE and relation.second.kind == SPHERE:
         return relation.centres
     if relation.has_one_axis:
@@ -234,7 +234,7 @@ def _measure_about_one_axis(relation: _Relation) -> float | None:
     second = relation.second
     if first.kind == CIRCLE and second.kind == CIRCLE:
         return math.hypot(relation.along_axis, second.sizes[0] - first.sizes[0])
-    if first.kind == CONE and _is_equidistant(first, second):
+    if first.kind == CONE and _is_equidistant_from_cone(first, second):
         return _measure_from_cone(relation)
     is_in_bore = first.kind == second.kind and first.representation != second.representation
     if first.kind in _WITH_AXIS and is_in_bore:
@@ -252,8 +252,8 @@ def _measure_from_axis(relation: _Relation) -> float | None:
     return None
 
 
-def _is_level(relation: _Relation) -> bool:
-    """Tell whether all points of a surface, or of its axis, are equally far from a plane."""
+def _is_equidistant_from_plane(relation: _Relation) -> bool:
+    """Tell whether a surface, or its axis, is equally far from a plane everywhere."""
     kind = relation.second.kind
     if kind == SPHERE:
         return True
@@ -262,7 +262,7 @@ def _is_level(relation: _Relation) -> bool:
     return kind in (LINE, *_WITH_AXIS) and relation.is_square
 
 
-def _is_equidistant(cone: Surface, surface: Surface) -> bool:
+def _is_equidistant_from_cone(cone: Surface, surface: Surface) -> bool:
     """Tell whether a surface about the axis of a cone has one distance from it.
 
     A round edge has, and a cone of the same angle.

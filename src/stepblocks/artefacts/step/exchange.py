@@ -121,14 +121,14 @@ class Exchange:
         self._parsed: dict[str, dict[str, Parameters]] = {}
 
     def get_entities(self, ref: object) -> dict[str, Parameters]:
-        """Return entity names and parameters of an instance; empty for what is no instance."""
+        """Return entity names and parameters of an instance; empty where there is none."""
         if not isinstance(ref, str) or ref not in self._texts:
             return {}
         if ref not in self._parsed:
             try:
                 self._parsed[ref] = _parse_instance(self._texts[ref])
             except (ValueError, RecursionError) as error:
-                raise _describe_fault(error, self.name) from error
+                raise _make_parse_error(error, self.name) from error
         return self._parsed[ref]
 
     def get_parameters(self, ref: object, entity: str) -> Parameters:
@@ -203,21 +203,21 @@ def read_exchange(path: Path) -> Exchange:
     if not text.lstrip().startswith("ISO-10303-21;"):
         raise MetrologyError(f"STEP file must begin with ISO-10303-21; [{path.name}]")
     if "/*" in text:
-        text = _COMMENT.sub(_keep_string, text)
+        text = _COMMENT.sub(_drop_comment, text)
     try:
         header, begin = _read_header(text)
         return Exchange(path.name, _read_schema(header), _read_data(text, begin))
     except (ValueError, RecursionError) as error:
-        raise _describe_fault(error, path.name) from error
+        raise _make_parse_error(error, path.name) from error
 
 
-def _describe_fault(error: Exception, name: str) -> MetrologyError:
+def _make_parse_error(error: Exception, name: str) -> MetrologyError:
     """Make the error of a STEP file that cannot be parsed."""
     reason = " ".join(str(error).split())[:_MOST_SHOWN]
     return MetrologyError(f"STEP file must be sound Part 21 text, got: {reason} [{name}]")
 
 
-def _nest_parentheses(depth: int) -> str:
+def _build_parentheses_pattern(depth: int) -> str:
     """Build the pattern of text in parentheses that holds others, up to a depth."""
     pattern = r"\((?:[^'()]++|'[^']*+')*+\)"
     for _ in range(depth - 1):
@@ -232,7 +232,7 @@ _COMMENT = re.compile(r"('[^']*+')|/\*(?:[^*]++|\*(?!/))*+(?:\*/)?")
 _STATEMENT = re.compile(r"((?:'[^']*+'|[^';]++)++);")
 _INSTANCE = re.compile(
     r"\s*+(?P<ref>\#\d++)\s*+=\s*+(?P<entity>(?:!?[A-Za-z_][\w-]*+)?+)\s*+"
-    rf"(?P<arguments>{_nest_parentheses(_DEEPEST_PARENTHESES)})\s*+;"
+    rf"(?P<arguments>{_build_parentheses_pattern(_DEEPEST_PARENTHESES)})\s*+;"
 )
 _END = re.compile(r"\s*+ENDSEC\s*+;\s*+END-ISO-10303-21\s*+;\s*+\Z")
 _ENTITY = re.compile(r"!?[A-Za-z_][\w-]*+(?=\s*+\()")
@@ -257,8 +257,8 @@ _EXTENDED = re.compile(r"\\X(?P<bytes>[24])\\(?P<digits>[0-9A-F]*+)\\X0\\")
 _ENCODING_BY_BYTES = {"2": "utf-16-be", "4": "utf-32-be"}
 
 
-def _keep_string(comment_or_string: re.Match[str]) -> str:
-    """Replace a comment by nothing, and a string by itself."""
+def _drop_comment(comment_or_string: re.Match[str]) -> str:
+    """Replace a comment by nothing; keep a string."""
     return comment_or_string[1] or ""
 
 
@@ -303,12 +303,12 @@ def _read_data(text: str, begin: int) -> _DataSection:
             raise ValueError(f"instance {ref} is not whole or not unique")
         data.add(ref, entity, arguments)
     if not _END.match(text, position):
-        raise _find_fault(text, position, data.get_last())
+        raise _make_data_error(text, position, data.get_last())
     return data
 
 
-def _find_fault(text: str, position: int, last: str) -> ValueError:
-    """Say what is wrong with the data section where its instances end too early."""
+def _make_data_error(text: str, position: int, last: str) -> ValueError:
+    """Make the error of a data section whose instances end too early."""
     statement = _STATEMENT.match(text, position)
     if statement is None or not _END.search(text, position):
         return ValueError("no whole DATA section")
@@ -327,7 +327,7 @@ def _parse_instance(text: str) -> dict[str, Parameters]:
 
 
 def _read_plain_items(items: str) -> Parameters:
-    """Read the parameters of a plain instance behind its empty name."""
+    """Read the parameters of a plain instance after its empty name."""
     parameters: list[object] = [""]
     for values, atom in _PLAIN_ITEM.findall(items):
         if atom:
@@ -403,7 +403,7 @@ class _JsonTranslator:
         if kind == "number":
             return repr(float(token) if "." in token else int(token))
         if kind == "text":
-            return json.dumps(_decode(token))
+            return json.dumps(_decode_string(token))
         if kind == "name" and token.startswith('"'):  # a binary number has quotes of its own
             return json.dumps(token)
         if kind == "name":
@@ -428,7 +428,7 @@ class _JsonTranslator:
         return mark
 
 
-def _decode(token: str) -> str:
+def _decode_string(token: str) -> str:
     """Decode a string of Part 21 with its quotes."""
     plain = token[1:-1].replace("''", "'")
     return _EXTENDED.sub(_decode_extended, plain).replace("\\\\", "\\")

@@ -115,7 +115,7 @@ def _read_used_faces(
 
 
 def _find_part_of_composite(file: Exchange, parts: dict[str, Parameters], aspect: object) -> object:
-    """Find the aspect that an instance relates to a composite one; None for none or a datum."""
+    """Find the aspect that an instance makes part of a composite one; None for a datum."""
     parameters = parts.get("SHAPE_ASPECT_RELATIONSHIP", ())
     if len(parameters) != 4:
         return None
@@ -235,6 +235,7 @@ def _read_direction(file: Exchange, ref: object, default: Array = _NOWHERE) -> A
 
 
 def _read_direction_of_line(file: Exchange, ref: object) -> Array:
+    """Read the direction of the vector of a line, of length one, shape (3,)."""
     vector = file.get_parameters(ref, "VECTOR")
     return _read_direction(file, vector[1] if len(vector) > 1 else None)
 
@@ -268,12 +269,12 @@ def is_placed_where_drawn(file: Exchange) -> bool:
     """
     for _, parameters in file.find_instances("ITEM_DEFINED_TRANSFORMATION"):
         first, second = (_read_placement(file, item) for item in parameters[2:4])
-        if not _are_same(first, second):
+        if not _are_same_placement(first, second):
             return False
     return True
 
 
-def _are_same(first: _Placement, second: _Placement) -> bool:
+def _are_same_placement(first: _Placement, second: _Placement) -> bool:
     """Tell whether two placements agree in point and both axes."""
     pairs = (
         (first.point, second.point),

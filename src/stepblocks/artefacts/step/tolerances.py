@@ -47,7 +47,7 @@ def list_tolerances(file: Exchange) -> list[Characteristic]:
 
 
 def _read_tolerance(file: Exchange, ref: str, entity: str, kind: str) -> Characteristic | None:
-    """Read a tolerance, an instance of one entity or of several; None for what is no whole one."""
+    """Read a tolerance, an instance of one entity or of several; None where it is incomplete."""
     simple = file.get_parameters(ref, entity)
     parameters = file.get_parameters(ref, "GEOMETRIC_TOLERANCE") or simple
     if len(parameters) < _PARAMETERS:

@@ -111,6 +111,7 @@ def read_unit(file: Exchange, ref: object) -> Unit:
 
 
 def _read_si_unit(parameters: Parameters) -> Unit:
+    """Read prefix and name of an SI unit; an unknown prefix has the factor NaN."""
     prefix_name, base_name = (str(value).strip(".$*") for value in parameters[-2:])
     prefix = _PREFIXES.get(prefix_name, _Prefix(prefix_name.lower(), math.nan))
     base = _BASES.get(base_name, _Base(base_name.lower(), _UNKNOWN, 1.0))
@@ -132,8 +133,8 @@ def read_measure(file: Exchange, ref: object) -> Measure | None:
     return None
 
 
-def find_untyped_measures(file: Exchange) -> list[str]:
-    """List every measure whose value is no typed SELECT, or whose type does not fit its unit."""
+def find_mistyped_measures(file: Exchange) -> list[str]:
+    """List every measure whose value is untyped, or whose type does not fit its unit."""
     findings: list[str] = []
     for entity, place in _MEASURES.items():
         for ref, parameters in file.find_instances(entity):

@@ -23,8 +23,8 @@ _LEAST_ALLOWED = 1e-9  # distance of a vertex from its edge [m]
 _MOST_FINDINGS = 5  # that are listed
 
 
-def find_moved_vertices(file: Exchange) -> list[str]:
-    """Find the vertices that lie off a straight or circular edge that ends in them.
+def find_vertices_off_edges(file: Exchange) -> list[str]:
+    """Find the vertices that do not lie on the straight or circular edges that end in them.
 
     Parameters
     ----------

@@ -263,10 +263,12 @@ class MarginBlock(CrownMargin, Block):
     def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Verdict]:
         yield self.measure_gap(mesh, self.body.length)
         opening = self.opening.nominal
-        crown = mesh.measure_level_beside(opening, +1)
-        tooth = mesh.measure_level_beside(self.body.edge_break.nominal - self.body.half_length, +1)
+        crown = mesh.measure_face_height_beside(opening, +1)
+        tooth = mesh.measure_face_height_beside(
+            self.body.edge_break.nominal - self.body.half_length, +1
+        )
         yield Finding("horizontal discrepancy", self.rise, crown - tooth, NANOMETRE)
-        yield Finding("vertical discrepancy", opening, mesh.find_level_start(crown), NANOMETRE)
+        yield Finding("vertical discrepancy", opening, mesh.find_level_face_start(crown), NANOMETRE)
 
     @make_rules_validator
     def _check_fit_in_body(self) -> Iterator[str]:

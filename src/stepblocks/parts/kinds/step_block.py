@@ -503,10 +503,10 @@ class StepBlock(Block):
         beside = 0.0
         if self.relief is not None:
             beside = -self.relief.width.nominal
-            floor = mesh.measure_level_beside(0.0, -1)
+            floor = mesh.measure_face_height_beside(0.0, -1)
             yield Finding("floor of the relief", -self.relief.depth.nominal, floor, NANOMETRE)
-        low = mesh.measure_level_beside(beside, -1)
-        high = mesh.measure_level_beside(self.edge_radius.nominal, +1)
+        low = mesh.measure_face_height_beside(beside, -1)
+        high = mesh.measure_face_height_beside(self.edge_radius.nominal, +1)
         yield Finding("step height", self.height.nominal, high - low, NANOMETRE)
         yield Finding("lower working face at z = 0", 0.0, low, NANOMETRE)
         if self.second_step is not None:
@@ -519,8 +519,8 @@ class StepBlock(Block):
         before, behind = distance, distance + radius
         if second.direction == "down":
             before, behind = distance - radius, distance
-        low = mesh.measure_level_beside(before, -1)
-        high = mesh.measure_level_beside(behind, +1)
+        low = mesh.measure_face_height_beside(before, -1)
+        high = mesh.measure_face_height_beside(behind, +1)
         return Finding("rise at the second edge", second.rise, high - low, NANOMETRE)
 
     def choose_close_up(self) -> CloseUp:
