@@ -200,10 +200,10 @@ def main() -> None:
     table = share_map()
     if folder is None:
         return
-    from stepblocks.drag.figures import draw_force, draw_spectra
+    from stepblocks.drag.figures import draw_forces, draw_spectra
     from stepblocks.predict.figures import draw_energy_of_height, draw_margin_map
 
-    draw_force(shown, folder / "drag-force.png", "Rod, 100 um, 0.1 N, mu 0.1, 5 mm/s")
+    draw_forces(shown, folder / "drag-force.png", "Rod, 100 um, 0.1 N, mu 0.1, 5 mm/s")
     draw_spectra(shown, folder / "drag-spectra.png", "Rod, 100 um, 0.1 N, mu 0.1, 5 mm/s")
     draw_ring_share(table, folder / "ring-share.png")
     uncertain = {"height": 0.5e-6, "ball_radius": 1e-6, "friction": 0.01, "normal_load": 0.01}

@@ -14,7 +14,7 @@ from oracles.tip_paths import step_path
 from stepblocks.contact.critical_angle import find_margin_angles, find_step_angle
 from stepblocks.contact.energy import Status, find_release
 from stepblocks.contact.operating_point import Tool
-from stepblocks.drag.plan import find_time_step
+from stepblocks.drag.plan import find_grain
 from stepblocks.drag.probe import PAPER_DRAG, DragSettings, build_probe
 from stepblocks.drag.ring import (
     LOADING_BAND,
@@ -450,7 +450,7 @@ def test_the_time_step_knows_no_unit_of_force(factor, contact):
             mass=PAPER_DRAG.mass * f,
             contact_stiffness=contact * f,
         )
-        return find_time_step(probe, DragSettings(0.7 * f, 0.15), 90.0 * f)[:2]
+        return find_grain(probe, DragSettings(0.7 * f, 0.15), 90.0 * f)[:2]
 
     (one, grip), (other, more) = step(1.0), step(factor)
     assert other == pytest.approx(one, rel=1e-9)

@@ -174,7 +174,7 @@ def test_late_ticks_are_counted_and_the_rate_is_kept(hand):
     servo = Servo(renderer(), Replay(hand), seconds=0.5)
     servo.start()
     servo.join(10.0)
-    summary = servo.summary()
+    summary = servo.summarise_ticks()
     assert (servo.ended, summary["ticks"]) in (("time is up", 500), (servo.ended, servo.ticks))
     late = servo.get_columns()["late_s"]
     assert summary["late_ticks"] == int((late > 200e-6).sum())

@@ -45,7 +45,7 @@ class CatchPlaces(NamedTuple):
     contact: Array
 
 
-def find_asked_place(places: CatchPlaces, within: tuple[float, float] | None) -> int | None:
+def find_steepest_place(places: CatchPlaces, within: tuple[float, float] | None) -> int | None:
     """Find the place with the greatest angle, of those whose edge lies `within` a range [m]."""
     angle = places.angle
     if within is not None:
@@ -68,7 +68,7 @@ def find_catch_places(
     slopes = np.column_stack([track.slope_start, track.slope_end]).ravel()
     angle = np.arctan(slopes)
     peaks = find_prominent_peaks(angle, least)
-    first, last = _widen_peaks(angle, peaks)
+    first, last = _find_peak_plateaus(angle, peaks)
     # rounding makes several peaks of one slope
     is_single = np.append(True, first[1:] > last[:-1])[: peaks.size]
     peaks, first, last = peaks[is_single], first[is_single], last[is_single]
@@ -77,14 +77,14 @@ def find_catch_places(
         x=x[first],
         angle=critical,
         last=x[last],
-        behind=_find_ends(x, angle, peaks, first, last),
-        start=_find_starts(x, angle, first, last, _AHEAD * ball_radius),
+        behind=_find_half_falls(x, angle, peaks, first, last),
+        start=_find_approach_starts(x, angle, first, last, _AHEAD * ball_radius),
         contact=x[first] + ball_radius * np.sin(critical),
     )
 
 
-def _widen_peaks(angle: Array, peaks: Indices) -> tuple[Indices, Indices]:
-    """Find where the slope about each peak begins and ends to be that of the peak."""
+def _find_peak_plateaus(angle: Array, peaks: Indices) -> tuple[Indices, Indices]:
+    """Find the first and the last sample about each peak that are as steep as the peak."""
     first, last = peaks.copy(), peaks.copy()
     for number, peak in enumerate(peaks):
         least = angle[peak] - _LEVEL
@@ -95,8 +95,10 @@ def _widen_peaks(angle: Array, peaks: Indices) -> tuple[Indices, Indices]:
     return first, last
 
 
-def _find_ends(x: Array, angle: Array, peaks: Indices, first: Indices, last: Indices) -> Array:
-    """Find where the slope behind each peak has fallen by half of its fall [m]."""
+def _find_half_falls(
+    x: Array, angle: Array, peaks: Indices, first: Indices, last: Indices
+) -> Array:
+    """Find where the slope after each peak has fallen by half of its fall [m]."""
     ends = x[last]
     following = np.append(first[1:], angle.size - 1)[: peaks.size]
     for number, peak in enumerate(peaks):
@@ -107,8 +109,10 @@ def _find_ends(x: Array, angle: Array, peaks: Indices, first: Indices, last: Ind
     return ends
 
 
-def _find_starts(x: Array, angle: Array, first: Indices, last: Indices, ahead: float) -> Array:
-    """Find where the approach to each peak begins, `ahead` of its foot at least [m]."""
+def _find_approach_starts(
+    x: Array, angle: Array, first: Indices, last: Indices, ahead: float
+) -> Array:
+    """Find where the approach to each peak begins, at least `ahead` before its foot [m]."""
     starts = np.full(first.size, -np.inf)
     for number in range(1, first.size):
         begin = int(last[number - 1])

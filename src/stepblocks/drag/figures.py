@@ -35,7 +35,7 @@ def plot_force(trace: DragTrace, axes: "Axes", channel: str = "fx_n") -> "Axes":
     return axes
 
 
-def draw_force(trace: DragTrace, path: Path, title: str) -> None:
+def draw_forces(trace: DragTrace, path: Path, title: str) -> None:
     """Draw both forces against time, as figure 3 of the paper does, and mark the release."""
     figure, axes = make_figure(2, 1, sharex=True, height=4.6)
     for axis, name in zip(axes, ("fx_n", "fy_n"), strict=True):

@@ -26,7 +26,7 @@ _BRISTLE_DAMPING = 0.3  # of sqrt(bristle stiffness times mass)
 
 
 def compute_needed_pulls(places: CatchPlaces, settings: DragSettings) -> NDArray[np.float64]:
-    """Pull that lifts a rigid tip over each place, equation (1) [N]; infinite where none does."""
+    """Return the pull that lifts a rigid tip over each place, equation (1) [N], or infinity."""
     total = places.angle + math.atan(settings.friction_at_rest)
     is_locked = total >= _RIGHT_ANGLE
     climb = settings.normal_load * np.tan(np.where(is_locked, 0.0, total))
@@ -34,7 +34,7 @@ def compute_needed_pulls(places: CatchPlaces, settings: DragSettings) -> NDArray
 
 
 def find_force_limit(needed: NDArray[np.float64], settings: DragSettings) -> float:
-    """Pull past which the tip counts as locked [N]."""
+    """Find the pull beyond which the tip counts as locked [N]."""
     load, rubbed = settings.normal_load, settings.tissue_friction
     climb = needed.max(initial=rubbed) - rubbed
     if math.isinf(climb):
@@ -50,8 +50,8 @@ class Grain(NamedTuple):
     blow: float  # indentation of the hardest blow [m]
 
 
-def find_time_step(probe: Probe, settings: DragSettings, limit: float) -> Grain:
-    """Find the step that resolves the stiffest mode of the contact, up to a pull of `limit` [N]."""
+def find_grain(probe: Probe, settings: DragSettings, limit: float) -> Grain:
+    """Find the longest step that resolves the stiffest mode, up to a pull of `limit` [N]."""
     # the normal force to be resolved: the climb's, or that of a blow with all of the spring's
     # energy
     stored = 0.5 * (limit / _HELD_LIMIT) ** 2 / probe.stiffness

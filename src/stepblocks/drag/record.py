@@ -102,8 +102,8 @@ class DragRecord:
             "ledger_j": self.ledger_j,
             "ledger_error": self.ledger_error,
             "time_step_s": self.time_step_s,
-            "probe": _write_probe(self.probe),
-            "settings": _write_settings(self.settings),
+            "probe": _dump_probe(self.probe),
+            "settings": _dump_settings(self.settings),
             "tool_frequency_hz": self.tool_frequency_hz,
             "tool_frequency_deviation_hz": self.tool_frequency_deviation_hz,
             "events": self.events,
@@ -119,7 +119,7 @@ class DragRecord:
             if part is not None:
                 document |= asdict(part)
         if self.equation_1 is not None:
-            document["equation_1"] = _write_formula(self.equation_1)
+            document["equation_1"] = _dump_formula(self.equation_1)
         return document
 
 
@@ -151,14 +151,14 @@ def build_record(drag: DragResult) -> DragRecord:
     )
 
 
-def _write_probe(probe: Probe) -> dict[str, object]:
-    """Write every field of a probe, its overtones as lists."""
+def _dump_probe(probe: Probe) -> dict[str, object]:
+    """Return every field of a probe as plain values, its overtones as lists."""
     overtones = [list(mode) for mode in probe.overtones]
     return asdict(probe) | {"overtones": overtones}
 
 
-def _write_settings(settings: DragSettings) -> dict[str, object]:
-    """Write every field of the settings, a law of friction as text and only where there is one."""
+def _dump_settings(settings: DragSettings) -> dict[str, object]:
+    """Return every field of the settings, a law of friction as text and only where there is one."""
     document = dict(vars(settings))
     law = document.pop("friction_law")
     if isinstance(law, FrictionLaw):
@@ -166,8 +166,8 @@ def _write_settings(settings: DragSettings) -> dict[str, object]:
     return document
 
 
-def _write_formula(formula: FormulaRecord) -> dict[str, object]:
-    """Write what equation (1) says, without what it does not say."""
+def _dump_formula(formula: FormulaRecord) -> dict[str, object]:
+    """Return what equation (1) says as plain values, without what it does not say."""
     return {name: value for name, value in asdict(formula).items() if value is not None}
 
 

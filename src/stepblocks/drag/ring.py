@@ -127,7 +127,7 @@ def measure_ring(trace: DragTrace, *, spectra: bool = True, event: int | None = 
         given.
     """
     if event is None:
-        _check_length(trace)
+        _refuse_short_trace(trace)
         event = trace.asked
     cut = _cut_ring(trace, event)
     level = cut.sliding_force
@@ -166,7 +166,7 @@ def measure_ring(trace: DragTrace, *, spectra: bool = True, event: int | None = 
     return ring
 
 
-def _check_length(trace: DragTrace) -> None:
+def _refuse_short_trace(trace: DragTrace) -> None:
     """Refuse a trace whose release is missing or too close to its end."""
     if trace.status is not Status.RELEASES:
         raise ContactError(f"a trace that is {trace.status} has no ring")
@@ -192,7 +192,7 @@ def _cut_first_swing(cut: DragTrace, level: float) -> DragTrace:
 
 
 def _compute_mode_energies(swing: DragTrace, level: float) -> tuple[float, ...]:
-    """Energy of each mode by its own swing [J], the first one first; none without overtones."""
+    """Return the energy of each mode by its own swing [J]; empty without overtones."""
     probe = swing.probe
     if not probe.overtones:
         return ()
@@ -203,7 +203,7 @@ def _compute_mode_energies(swing: DragTrace, level: float) -> tuple[float, ...]:
 
 
 def _find_duration(cut: DragTrace, amplitude: float) -> float:
-    """Time until the force stays near where it settles [s]."""
+    """Find the time until the force stays near where it settles [s]."""
     deviation = np.abs(cut.column("fx_n") - _measure_settled_force(cut))
     loud = np.flatnonzero(deviation > _QUIET * amplitude)
     if loud.size == 0:
@@ -278,7 +278,7 @@ def _select_phase(trace: DragTrace, phase: str) -> NDArray[np.bool_]:
 
 
 def _find_decay_time(cut: DragTrace) -> float:
-    """Time after the fall in which the swings sink to 1/e of the first [s].
+    """Find the time after the fall in which the swings sink to 1/e of the first [s].
 
     A swing is the greatest deviation in half a period. NaN where the trace ends before.
     """
@@ -300,7 +300,7 @@ def _find_decay_time(cut: DragTrace) -> float:
 
 
 def _measure_settled_force(cut: DragTrace) -> float:
-    """Mean pull over the last whole periods, so that a ring that goes on averages out [N]."""
+    """Measure the mean pull over the last whole periods, which averages out a ring [N]."""
     time, force = cut.column("time_s"), cut.column("fx_n")
     last_part = _SETTLED * (time[-1] - cut.release_time)
     frequency = cut.probe.frequency
@@ -320,7 +320,7 @@ def _find_fall_time(cut: DragTrace) -> float:
 def compute_band_share(
     frequency: NDArray[np.float64], energy: NDArray[np.float64], band: tuple[float, float]
 ) -> float:
-    """Share of a spectrum's energy between two frequencies [1]."""
+    """Return the share of a spectrum's energy between two frequencies [1]."""
     low, high = band
     is_inside = (frequency >= low) & (frequency <= high)
     inside = energy[is_inside].sum()

@@ -7,7 +7,7 @@ from difflib import get_close_matches
 from functools import cached_property
 from html import escape
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import pandas as pd
 
@@ -18,7 +18,7 @@ from stepblocks.contact.laws import ContactLaw, FrictionLaw
 from stepblocks.contact.operating_point import Limits, Tool
 from stepblocks.declaration.read import Sets
 from stepblocks.drag.events import drag_face
-from stepblocks.drag.figures import draw_force, draw_spectra, plot_force
+from stepblocks.drag.figures import draw_forces, draw_spectra, plot_force
 from stepblocks.drag.kernels import COLUMNS
 from stepblocks.drag.probe import SETTINGS, Setting
 from stepblocks.drag.record import build_record
@@ -64,18 +64,18 @@ _HANDLE_MASS = 0.1  # of a pulled handle [kg]; assumed
 _GUIDE_DAMPING = 20.0  # of a pulled handle [N s/m]; assumed
 
 
-def _read_values(keywords: Mapping[str, object]) -> dict[str, float]:
-    """Read the keywords of a drag as numbers in SI; a text with its unit is read too."""
+def _read_quantities_in_si(keywords: Mapping[str, object]) -> dict[str, Any]:
+    """Read the keywords of a drag in SI, also texts with units; a law of friction stays one."""
     unknown = [name for name in keywords if name not in _DIMENSIONS]
     if unknown:
         raise PipelineError(
             f"{', '.join(unknown)} must be one of {', '.join(_DIMENSIONS)}, contact, tool, "
             f"x_range{_suggest_name(unknown[0])}"
         )
-    values: dict[str, float] = {}
+    values: dict[str, Any] = {}
     for name, value in keywords.items():
         if isinstance(value, FrictionLaw):
-            values[name] = cast(float, value)  # the operating point takes it in place of a number
+            values[name] = value  # the operating point takes it in place of a number
         else:
             values[name] = read_number(name, value, _DIMENSIONS[name] or "ratio")
     return values
@@ -157,7 +157,7 @@ class Drag(DragResult):
         """
         write_table(self.frame, folder / "trace.csv")
         write_table(self.events, folder / "events.csv")
-        draw_force(self.trace, folder / "force.png", self.title)
+        draw_forces(self.trace, folder / "force.png", self.title)
         if self.trace.status is Status.RELEASES:
             draw_spectra(self.trace, folder / "spectra.png", self.title)
         summary = json.dumps(self.summary, indent=1, sort_keys=True)
@@ -237,7 +237,7 @@ def drag_over(
     ['feature']
     """
     named = _find_setting(setting)
-    keywords = _read_values(values)
+    keywords = _read_quantities_in_si(values)
     if named is not None:
         keywords = {"load": named.normal_load, "friction": named.friction} | keywords
     settings = _choose_settings(keywords)

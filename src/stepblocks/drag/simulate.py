@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from stepblocks.contact.energy import Status
 from stepblocks.contact.laws import FrictionLaw, compile_coefficient
 from stepblocks.drag import kernels
-from stepblocks.drag.catches import CatchPlaces, find_asked_place
+from stepblocks.drag.catches import CatchPlaces, find_steepest_place
 from stepblocks.drag.plan import (
     build_model,
     build_path,
     compute_needed_pulls,
     find_force_limit,
-    find_time_step,
+    find_grain,
     plan_steps,
 )
 from stepblocks.drag.probe import DragSettings, Probe
@@ -177,7 +177,7 @@ class DragTrace:
 
 
 def _compute_unexplained_share(ledger: NDArray[np.float64], least: float = _NO_ENERGY) -> float:
-    """Part of a ledger [J] that its entries do not account for [1].
+    """Return the part of a ledger [J] that its entries do not account for [1].
 
     It is taken over the greatest of them, or over `least` [J].
     """
@@ -227,7 +227,7 @@ def simulate_drag(
             f"the energy ledger of the drag does not close, {open_share:.1%} is open; raise the "
             "resolution"
         )
-    wanted = find_asked_place(places, within)
+    wanted = find_steepest_place(places, within)
     if wanted is None:
         return trace
     level_pull = (
@@ -235,7 +235,7 @@ def simulate_drag(
     )
     if needed[wanted] <= level_pull:
         return trace
-    return _report_asked_place(trace, wanted, places, needed)
+    return _add_asked_place(trace, wanted, places, needed)
 
 
 def _integrate(
@@ -252,7 +252,7 @@ def _integrate(
     """
     places = track.catch_places
     limit = find_force_limit(needed, settings)
-    grain = find_time_step(probe, settings, limit)
+    grain = find_grain(probe, settings, limit)
     start_x = max(track.feature_range[0] - settings.lead, float(track.x[0]))
     pace = plan_steps(track, probe, settings, start_x, limit, grain.time_step)
     depth = probe.find_indentation(settings.normal_load)
@@ -282,8 +282,8 @@ def _integrate(
         coefficient = compile_coefficient(law.coefficient)
     outcome = kernels.integrate(path, model, overtones, start, pace, catches, stop, coefficient)
     if law is not None:
-        _check_law(law, outcome.rows)
-    events = _list_events(outcome.passages, places, needed, rises, sliding_pull)
+        _refuse_law_without_coefficient(law, outcome.rows)
+    events = _read_passages(outcome.passages, places, needed, rises, sliding_pull)
     return DragTrace(
         rows=outcome.rows.copy(),
         status=Status.NO_CATCH,
@@ -298,7 +298,7 @@ def _integrate(
     )
 
 
-def _check_law(law: FrictionLaw, rows: NDArray[np.float64]) -> None:
+def _refuse_law_without_coefficient(law: FrictionLaw, rows: NDArray[np.float64]) -> None:
     """Refuse a law that gave no coefficient on the way: the tip would stick, or be driven."""
     columns = [kernels.COLUMNS.index(name) for name in ("time_s", "x_m", "vx_m_s", "normal_n")]
     is_touching = rows[:, kernels.COLUMNS.index("normal_n")] > 0.0
@@ -312,14 +312,14 @@ def _check_law(law: FrictionLaw, rows: NDArray[np.float64]) -> None:
             )
 
 
-def _list_events(
+def _read_passages(
     passages: NDArray[np.float64],
     places: CatchPlaces,
     needed: NDArray[np.float64],
     rises: NDArray[np.float64],
     sliding_pull: float,
 ) -> tuple[DragEvent, ...]:
-    """Read the passages of the integrator, shape (n, 17): each with its own ledger.
+    """Read the passages of the integrator, shape (n, 17), as events with their own ledgers.
 
     Of each place, `needed` is the pull of equation (1) and `rises` the rise by which it holds the
     tip; `sliding_pull` is that of level ground [N].
@@ -371,10 +371,10 @@ def _classify_passage(
     return Status.RUN_OVER
 
 
-def _report_asked_place(
+def _add_asked_place(
     trace: DragTrace, wanted: int, places: CatchPlaces, needed: NDArray[np.float64]
 ) -> DragTrace:
-    """Give the trace the status and the figures of the place that was asked about.
+    """Return the trace with status and figures of the place that was asked about.
 
     Where the tip has passed it several times, the first passage counts that it was not run over.
     """
@@ -405,7 +405,7 @@ def _report_asked_place(
 
 
 def _explain_event(trace: DragTrace, event: DragEvent) -> str:
-    """Say in one sentence why an event is no release; nothing of one that is."""
+    """Say in a sentence why an event is not a release; empty for a release."""
     if event.status is Status.LOCKED:
         return (
             f"no pull lifts a rigid tip over {event.critical_angle_deg:.4g} deg; the elastic "

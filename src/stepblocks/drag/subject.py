@@ -48,15 +48,15 @@ def resolve_subject(
         if hasattr(subject, "__len__"):  # a table or arrays
             subject = load_scan(cast("Scan", subject), layout=layout)
         name = getattr(subject, "id", "a counterface")
-        return _take_surface(name, convert_to_counterface(subject), values)
+        return _make_surface_subject(name, convert_to_counterface(subject), values)
     path = Path(subject)
     suffix = path.suffix.lower()
     if suffix == ".csv":
         profile = _read_profile(path, layout)
-        return _take_surface(escape_file_name(path.name), profile, values, f"[{path}]")
+        return _make_surface_subject(escape_file_name(path.name), profile, values, f"[{path}]")
     if suffix not in ("", ".toml") and path.is_file():  # of an instrument
         face = convert_to_counterface(load_scan(path, layout=layout))
-        return _take_surface(escape_file_name(path.name), face, values, f"[{path}]")
+        return _make_surface_subject(escape_file_name(path.name), face, values, f"[{path}]")
     refuse_layout(layout, "a step or a declared stimulus", PipelineError)
     try:
         height = parse_quantity(str(subject), "length")
@@ -84,10 +84,10 @@ def _read_profile(path: Path, layout: TableLayout) -> Profile:
         raise PipelineError(f"{error} [{path}]") from error
 
 
-def _take_surface(
+def _make_surface_subject(
     name: str, face: Counterface, values: Mapping[str, float], place: str = ""
 ) -> Subject:
-    """Take a surface under the paper's conditions; its shape is not to be changed."""
+    """Make a subject of a surface under the paper's conditions; its shape cannot be changed."""
     for size in ("edge_radius", "step_height"):
         if size in values:
             rule = f"{size} is for a plain step; {face!r} has its own shape {place}"
@@ -105,9 +105,9 @@ class _DeclaredPart(NamedTuple):
 def _resolve_declared_part(
     declared: _DeclaredPart, values: Mapping[str, float], backward: bool
 ) -> Subject:
-    """Drag over a part, or with it, unless `values` differ under the first conditions of its set.
+    """Make a subject of a part that a tip crosses, or of a tip over a step.
 
-    These are tip, load and friction, and the step where the part is a tip.
+    It is under the first conditions of its set, tip, load and friction, unless `values` differ.
     """
     stimuli, part = declared
     _refuse_declared_values(declared, values)

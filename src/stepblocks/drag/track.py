@@ -74,7 +74,7 @@ class Track(CentrePath):
         """Height, slope, half the curvature of both branches at each kink; shape (m, 2, 3)."""
         before = self.kinks - 1  # the pieces that end at a kink
         width = np.diff(self.x)[before]
-        height, slope, square = _expand_about(self.cubics[before], width)
+        height, slope, square = _evaluate_cubics(self.cubics[before], width)
         left = np.column_stack([height, slope, square])
         right = self.cubics[self.kinks, :3]
         branches = np.stack([left, right], axis=1)
@@ -90,7 +90,7 @@ class Track(CentrePath):
         last = self.x.size - 2
         begun = np.searchsorted(self.x, x, side=side) - 1
         piece = np.clip(begun, 0, last)  # the first and the last go on beyond the path
-        height, slope, _ = _expand_about(self.cubics[piece], x - self.x[piece])
+        height, slope, _ = _evaluate_cubics(self.cubics[piece], x - self.x[piece])
         return height, slope
 
     def find_landing_slope(self, place: int, landed: float) -> float:
@@ -99,16 +99,16 @@ class Track(CentrePath):
         It is the median over what the ball touches there; where it turns about an edge it touches
         nothing new. Down a face that falls it counts as far as the tip has come.
         """
-        begin, end = self._find_face(place, landed)
+        begin, end = self._find_landing_face(place, landed)
         width_on_face = np.diff(np.clip(self.x, begin, end))
         touched = self._compute_touched_lengths() * width_on_face
         face = 0.0
         if touched.sum() > _LEAST_FACE * self.ball_radius:
-            face = _find_median(np.diff(self.z) / np.diff(self.x), touched)
+            face = _find_weighted_median(np.diff(self.z) / np.diff(self.x), touched)
         slope_where_landed = float(self.evaluate(np.array(landed))[1])
         return max(face, min(slope_where_landed, 0.0))
 
-    def _find_face(self, place: int, landed: float) -> tuple[float, float]:
+    def _find_landing_face(self, place: int, landed: float) -> tuple[float, float]:
         """Find from where to where [m] the face behind a place counts."""
         radius, places = self.ball_radius, self.catch_places
         behind_edge = places.last[place] + radius * math.sin(places.angle[place])
@@ -119,7 +119,7 @@ class Track(CentrePath):
         return begin, max(begin, end)
 
     def _compute_touched_lengths(self) -> Array:
-        """Length of surface that the ball newly touches along each piece, over that piece [1]."""
+        """Return the length of surface newly touched along each piece, over that piece [1]."""
         radius, width = self.ball_radius, np.diff(self.x)
         sine_before = self.slope_start / np.hypot(1.0, self.slope_start)
         sine_behind = self.slope_end / np.hypot(1.0, self.slope_end)
@@ -144,15 +144,15 @@ class Track(CentrePath):
         for number in np.argsort(turn, kind="stable").tolist():  # the sharpest first
             distances = np.abs(places[kept] - places[number])
             distance = distances.min(initial=2.0 * window)
-            apart = self._measure_parting(number, 0.5 * distance * _PARTING)
+            apart = self._measure_branch_depths(number, 0.5 * distance * _PARTING)
             if apart.min() < -_ROUGHNESS * depth:
                 continue
             if is_alone[number] or apart[:, -1].min() >= depth:
                 kept.append(number)
         return np.array(sorted(kept), dtype=np.int64)
 
-    def _measure_parting(self, number: int, reach: Array) -> Array:
-        """Depth of both branches at a kink below the path at a distance [m], shape (2, n)."""
+    def _measure_branch_depths(self, number: int, reach: Array) -> Array:
+        """Measure the depth of both branches at a kink below the path at a distance [m], (2, n)."""
         height, slope, square = self.branch_coefficients[number].T[:, :, None]
         branch = height + reach * (slope + reach * square)
         kink = self.x[self.kinks][number]
@@ -160,7 +160,7 @@ class Track(CentrePath):
         return np.asarray(height_of_path - branch)
 
     def compute_branch_cubics(self, kept: NDArray[np.int64], depth: float, window: float) -> Array:
-        """Coefficients of both branches at the kinks that are `kept`, shape (k, 2, 4).
+        """Return coefficients of both branches at the kinks that are `kept`, shape (k, 2, 4).
 
         A cubic term lets each part from the path by a `depth` [m] half way to the next kink, or at
         the end of a window [m]: a contact that ended there at once would make energy of nothing.
@@ -234,8 +234,8 @@ class Track(CentrePath):
         return float(self.x[steep[0]]), float(self.x[steep[-1]])
 
 
-def _expand_about(cubics: Array, distance: Array) -> tuple[Array, Array, Array]:
-    """Height [m], slope [1] and half the curvature [1/m] of cubics at a distance [m].
+def _evaluate_cubics(cubics: Array, distance: Array) -> tuple[Array, Array, Array]:
+    """Return height [m], slope [1] and half the curvature [1/m] of cubics at a distance [m].
 
     `cubics` has the coefficients in its last axis, of length 4.
     """
@@ -247,12 +247,12 @@ def _expand_about(cubics: Array, distance: Array) -> tuple[Array, Array, Array]:
 
 
 def _measure_gaps(places: Array) -> Array:
-    """Distance from each place to the one before, and from the last one to none, shape (n + 1,)."""
+    """Measure the gaps between places, infinite before the first and after the last, (n + 1,)."""
     return np.diff(places, prepend=-math.inf, append=math.inf)
 
 
-def _find_median(values: Array, weights: Array) -> float:
-    """Find the median of values of unlike weights."""
+def _find_weighted_median(values: Array, weights: Array) -> float:
+    """Find the weighted median of values."""
     order = np.argsort(values)
     share = np.cumsum(weights[order])
     middle = np.searchsorted(share, 0.5 * share[-1])
@@ -335,7 +335,7 @@ def build_profile_track(
 
 
 def _choose_grid(x: Array, ball_radius: float) -> Array:
-    """Positions at which a path is looked at first [m].
+    """Choose the positions at which a path is evaluated first [m].
 
     The ball meets the first point a radius before it, and leaves the last one as far behind.
     """

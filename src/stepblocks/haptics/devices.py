@@ -68,7 +68,8 @@ _UNSTATED = {"source": "not stated", "confidence": "assumed"}
 def _make_figure_validator(dimension: str) -> BeforeValidator:
     """Make a reader of a figure: a quantity, or a table of it with its source and confidence."""
 
-    def parse(raw: object) -> object:
+    def read_figure(raw: object) -> object:
+        """Return a figure as a table, its value in SI; a bare quantity has no source."""
         if not isinstance(raw, dict):
             raw = {"value": raw, **_UNSTATED}
         if "value" in raw:
@@ -78,7 +79,7 @@ def _make_figure_validator(dimension: str) -> BeforeValidator:
             return {**raw, "value": value}
         return raw
 
-    return BeforeValidator(parse)
+    return BeforeValidator(read_figure)
 
 
 Length = Annotated[Figure, _make_figure_validator("length")]

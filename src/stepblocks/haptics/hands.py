@@ -135,11 +135,11 @@ class ForceDimension(Hand):
         _declare_functions(lib, functions)
         self._one = ctypes.c_char(b"\xff")  # -1: the device that was opened last
         self._values = [ctypes.c_double() for _ in range(6)]
-        self._require(lib.dhdOpen() >= 0, "be opened")
-        self._require(lib.dhdEnableForce(1, self._one) >= 0, "switch its forces on")
+        self._require_success(lib.dhdOpen() >= 0, "be opened")
+        self._require_success(lib.dhdEnableForce(1, self._one) >= 0, "switch its forces on")
 
-    def _require(self, done: bool, wanted: str) -> None:
-        """Raise with the library's last error unless a call has succeeded."""
+    def _require_success(self, done: bool, wanted: str) -> None:
+        """Raise with the library's last error unless a call is `done`."""
         if not done:
             raise PipelineError(
                 f"the device must {wanted}: {self._lib.dhdErrorGetLastStr().decode()}"
@@ -148,8 +148,10 @@ class ForceDimension(Hand):
     def read(self) -> tuple[Array, Array, bool]:
         """Its x points to the operator, its y to the right."""
         places = [ctypes.byref(value) for value in self._values]
-        self._require(self._lib.dhdGetPosition(*places[:3], self._one) >= 0, "tell its position")
-        self._require(
+        self._require_success(
+            self._lib.dhdGetPosition(*places[:3], self._one) >= 0, "tell its position"
+        )
+        self._require_success(
             self._lib.dhdGetLinearVelocity(*places[3:], self._one) >= 0, "tell its velocity"
         )
         x, y, z, u, v, w = (value.value for value in self._values)
@@ -161,7 +163,7 @@ class ForceDimension(Hand):
 
     def apply(self, force: Array) -> None:
         """Turn the force back into its axes."""
-        self._require(
+        self._require_success(
             self._lib.dhdSetForce(-force[1], force[0], force[2], self._one) >= 0, "take a force"
         )
 
@@ -206,16 +208,16 @@ class OpenHaptics(Hand):
             },
         )
         self._device = lib.hdInitDevice(None)
-        self._check("be opened")
+        self._raise_noted_error("be opened")
         self._state, self._given = np.zeros(7), np.zeros(3)
         self._lock = threading.Lock()
         lib.hdEnable(self._OUTPUT)
         self._handle = lib.hdScheduleAsynchronous(self._callback, None, 0xFFFF // 2)
         lib.hdStartScheduler()
-        self._check("start its scheduler")
+        self._raise_noted_error("start its scheduler")
 
-    def _check(self, wanted: str) -> None:
-        """Raise where the library has noted an error."""
+    def _raise_noted_error(self, wanted: str) -> None:
+        """Raise the error that the library has noted, if any."""
         error = self._lib.hdGetError()
         if error.code:
             raise PipelineError(

@@ -95,7 +95,7 @@ def _is_sliding(
 
 
 @numba.njit(cache=True)
-def _leave(
+def _note_release(
     direction: float,
     knot: int,
     slope: float,
@@ -149,7 +149,7 @@ def _slide(
             start, knot, after = piece + 1, piece, piece - 1
             rise, slope = path.last[piece], path.first[piece]
         if x == path.x[start] and not landed:
-            _leave(direction, start, rise, state, hand, setting, path)
+            _note_release(direction, start, rise, state, hand, setting, path)
         far = path.x[knot]
         if _compute_drive(direction, far, path.z[knot], slope, hand, setting) > 0.0:
             x = far
@@ -210,8 +210,8 @@ def _is_pressed(x: float, piece: int, hand: Hand, setting: Records, path: Record
 
 
 @numba.njit(cache=True)
-def _move(state: Records, landed: bool, hand: Hand, setting: Records, path: Records) -> None:
-    """Slide in either direction; leaving a notch uphill is the event, unless it has just landed."""
+def _slide_proxy(state: Records, landed: bool, hand: Hand, setting: Records, path: Records) -> None:
+    """Slide in either direction; leaving a notch uphill is a release, unless it has just landed."""
     x, piece = state.x, state.piece
     at_start = x == path.x[piece]
     at_end = x == path.x[piece + 1]
@@ -246,7 +246,7 @@ def tick(
         state.x, state.piece, state.touching = _find_landing(state.x, z, state.piece, hand, path)
         state.y, state.height = position[1], position[2]
     if state.touching:
-        _move(state, landed, hand, setting, path)
+        _slide_proxy(state, landed, hand, setting, path)
         state.pull = setting.stiffness * (hand[0] - state.x)
         down = setting.wall * (_compute_height(state.x, state.piece, path) - hand[1])
         # along the edge the friction has its own limit: a box instead of the cone, exact for drags

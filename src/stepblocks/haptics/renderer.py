@@ -148,7 +148,7 @@ class Renderer:
         """
         _require_vectors(position, velocity)
         step = self.period / _FADE
-        if not (is_place_of_hand(position) and is_place_of_hand(velocity)):
+        if not (is_plausible_for_hand(position) and is_plausible_for_hand(velocity)):
             self.faults += 1
             self.force[:] = self._share * self._good
             self._share = max(self._share - step, 0.0)
@@ -232,8 +232,8 @@ class Renderer:
         return float(self._states["release"][0])
 
 
-def is_place_of_hand(values: Array) -> bool:
-    """Say whether a position [m] or velocity [m/s] can be one of a hand: numbers within 1 km."""
+def is_plausible_for_hand(values: Array) -> bool:
+    """Tell whether a position [m] or velocity [m/s] can be one of a hand: numbers within 1 km."""
     size: float = sum(map(abs, values.tolist()))
     return size <= _FARTHEST
 
@@ -255,7 +255,7 @@ def _list_knots(path: CentrePath) -> NDArray[np.void]:
 
 
 def _require_vectors(position: object, velocity: object) -> None:
-    """Refuse what is no vector; the compiled tick does not check."""
+    """Refuse values that are not vectors; the compiled tick does not check."""
     shapes = (getattr(position, "shape", None), getattr(velocity, "shape", None))
     if shapes == ((3,), (3,)):
         return

@@ -18,7 +18,7 @@ import numpy as np
 from stepblocks.contact import Array
 from stepblocks.files.atomic import write_atomically
 from stepblocks.haptics.hands import Hand
-from stepblocks.haptics.renderer import Renderer, is_place_of_hand
+from stepblocks.haptics.renderer import Renderer, is_plausible_for_hand
 
 RATE = 1000.0  # Hz
 # What is written of every tick; `force` is the renderer's, `applied` what the limits left of it
@@ -161,7 +161,7 @@ class Servo(threading.Thread):
             return "watchdog: the hand did not answer"
         if not is_held:
             self.trusted = True  # it has let go
-        doubt = self._doubt_hand(position)
+        doubt = self._describe_hand_doubt(position)
         if doubt:
             return doubt
         is_felt = is_held and self.trusted
@@ -188,11 +188,11 @@ class Servo(threading.Thread):
             self.hand.apply(force)
         return ""
 
-    def _doubt_hand(self, position: Array) -> str:
-        """Say that a hand with motors was lost for too long, or jumped to a position [m]."""
+    def _describe_hand_doubt(self, position: Array) -> str:
+        """Say that a hand with motors was lost for too long, or jumped [m]; empty for neither."""
         if not self.hand.motors:
             return ""
-        if not is_place_of_hand(position):
+        if not is_plausible_for_hand(position):
             self._away += self._period
             if self._away > self.limits.dead:
                 return "watchdog: the hand gave no position"
@@ -244,7 +244,7 @@ class Servo(threading.Thread):
         """Return the columns of all ticks so far."""
         return dict(zip(COLUMNS, self._log[: self.ticks].T.copy(), strict=True))
 
-    def summary(self) -> dict[str, float]:
+    def summarise_ticks(self) -> dict[str, float]:
         """Return how many ticks there were, how many were late, and how late.
 
         The lateness is its 99.9 % quantile [s].
@@ -275,7 +275,7 @@ def write_motion(path: Path, servo: Servo, attributes: dict[str, object]) -> Non
                 "rate_hz": RATE,
                 "ended": servo.ended,
                 "doubts": "; ".join(servo.doubts),
-                **servo.summary(),
+                **servo.summarise_ticks(),
                 **attributes,
             }
         )

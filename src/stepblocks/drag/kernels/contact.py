@@ -25,7 +25,7 @@ class Cubic(NamedTuple):
 class Touch(NamedTuple):
     """One contact at one moment, open or pressed."""
 
-    gap: float  # by which the path stands above the tip [m]; below 0 the contact is open
+    overlap: float  # by which the path stands above the tip [m]; below 0 the contact is open
     slope: float  # of the path [1]
     cosine: float  # of the angle of the slope [1]; 1 where the contact is open
     x: float  # elastic force on the tip [N]
@@ -57,7 +57,7 @@ class Kink(NamedTuple):
 
 @njit
 def find_piece(path: Path, x: float, number: int) -> Piece:
-    """Find the piece of the path at `x`, from one that is near."""
+    """Find the piece of the path at `x`, searching from the piece `number`."""
     knots, cubics = path.knots, path.cubics
     last = knots.size - 2
     while number < last and x >= knots[number + 1]:
@@ -87,7 +87,7 @@ def is_other_kink_nearer(kink: Kink, x: float) -> bool:
 
 @njit
 def find_nearest_kink(path: Path, x: float, number: int) -> Kink:
-    """Find the kink that is nearest to `x`, from one that is near."""
+    """Find the kink that is nearest to `x`, searching from the kink `number`."""
     knots, kinks = path.knots, path.kinks
     if kinks.size == 0:
         none = Cubic(0.0, 0.0, 0.0, 0.0)
@@ -134,60 +134,60 @@ def touch_beyond_kink(
         if distance >= 0.0:
             branch = kink.left
         touch = _touch_cubic(branch, distance, contact, tip, speed)
-        if touch.gap > 0.0:
+        if touch.overlap > 0.0:
             return touch
     return Touch(0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @njit(forceinline=True)
 def _touch_cubic(
-    cubic: Cubic, distance: float, contact: NormalContact, tip: Motion, speed: Motion
+    cubic: Cubic, along: float, contact: NormalContact, tip: Motion, speed: Motion
 ) -> Touch:
-    """Find the contact with a cubic, at a distance [m] from where its powers begin."""
-    bent = cubic.slope + distance * (cubic.square + distance * cubic.cube)
-    gap = cubic.height + distance * bent - tip.y
-    slope = cubic.slope + distance * (2.0 * cubic.square + 3.0 * distance * cubic.cube)
-    if gap > 0.0:
-        curvature = 2.0 * cubic.square + 6.0 * distance * cubic.cube
-        return press_contact(contact, gap, slope, curvature, speed)
-    return Touch(gap, slope, 1.0, 0.0, 0.0, 0.0, 0.0)
+    """Find the contact with a cubic at a distance `along` from its origin [m]."""
+    bent = cubic.slope + along * (cubic.square + along * cubic.cube)
+    overlap = cubic.height + along * bent - tip.y
+    slope = cubic.slope + along * (2.0 * cubic.square + 3.0 * along * cubic.cube)
+    if overlap > 0.0:
+        curvature = 2.0 * cubic.square + 6.0 * along * cubic.cube
+        return press_contact(contact, overlap, slope, curvature, speed)
+    return Touch(overlap, slope, 1.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @njit(forceinline=True)
 def press_contact(
-    contact: NormalContact, gap: float, slope: float, curvature: float, speed: Motion
+    contact: NormalContact, overlap: float, slope: float, curvature: float, speed: Motion
 ) -> Touch:
-    """Compute the force of a contact that is pressed in by a `gap` > 0.
+    """Compute the force of a contact with an `overlap` > 0 of path and tip [m].
 
     The elastic force is the gradient of a potential of the indentation along the normal, which
     conserves energy on a curved path too; the loss is that of Hunt and Crossley.
     """
     cosine = 1.0 / math.sqrt(1.0 + slope * slope)
-    dent = gap * cosine
+    dent = overlap * cosine
     root = math.sqrt(dent) if contact.power == _HERTZ else dent ** (contact.power - 1.0)
     elastic = contact.stiffness * (dent * root)
     approach = slope * speed.x - speed.y
     damping = elastic * contact.loss * cosine * approach
     loss = max(damping, -elastic)  # a contact never pulls
     sine = slope * cosine
-    turning = gap * slope * curvature * cosine * cosine * cosine
+    turning = overlap * slope * curvature * cosine * cosine * cosine
     elastic_x = -elastic * (sine - turning)
     elastic_y = elastic * cosine
     normal = elastic + loss
-    return Touch(gap, slope, cosine, elastic_x, elastic_y, normal, loss)
+    return Touch(overlap, slope, cosine, elastic_x, elastic_y, normal, loss)
 
 
 @njit(forceinline=True)
 def compute_sliding_speed(touch: Touch, speed: Motion) -> float:
-    """Speed of the tip along the surface at a contact [m/s]."""
+    """Return the speed of the tip along the surface at a contact [m/s]."""
     return touch.cosine * (speed.x + touch.slope * speed.y)
 
 
 @njit
 def compute_dent_energy(contact: NormalContact, under: Touch, beyond: Touch) -> float:
-    """Elastic energy of both contacts [J]."""
+    """Return the elastic energy of both contacts [J]."""
     power = contact.power + 1.0
-    dent_under = max(under.gap * under.cosine, 0.0)
-    dent_beyond = max(beyond.gap * beyond.cosine, 0.0)
+    dent_under = max(under.overlap * under.cosine, 0.0)
+    dent_beyond = max(beyond.overlap * beyond.cosine, 0.0)
     dents = dent_under**power + dent_beyond**power
     return contact.stiffness * dents / power

@@ -73,24 +73,24 @@ def read_place(places: Places, number: int) -> Place:
 
 
 @njit
-def make_passages(places: Places) -> Array:
-    """Make room for the passages that a drag may hold, shape (n, 17)."""
+def allocate_passages(places: Places) -> Array:
+    """Allocate rows of zeros for the passages that a drag may hold, shape (n, 17)."""
     per_place, beside = _ROOM
     rows = per_place * places.last.size + beside
     return np.zeros((rows, _NOTED + _ENERGIES))
 
 
 @njit(forceinline=True)
-def follow_peak(peak: Peak, pull: float, time: float) -> Peak:
-    """Note a pull that is greater than all before it."""
+def update_peak(peak: Peak, pull: float, time: float) -> Peak:
+    """Replace a peak by a pull that is greater."""
     if pull > peak.force:
         return Peak(pull, time)
     return peak
 
 
 @njit(forceinline=True)
-def reset_pull(watch: Watch) -> Watch:
-    """Watch the pull as if nothing had been seen; the moments stay until others are noted."""
+def reset_watch(watch: Watch) -> Watch:
+    """Return a watch that has seen no pull; the moments stay until others are noted."""
     return Watch(
         is_behind=False,
         least=np.inf,
@@ -104,7 +104,7 @@ def reset_pull(watch: Watch) -> Watch:
 
 @njit(forceinline=True)
 def has_fallen_back(place: Place, watch: Watch, x: float, distance: float) -> bool:
-    """Whether the tip has fallen behind the place before by a distance [m]: it must climb again."""
+    """Whether the tip has fallen behind the place before by a distance [m], to climb it again."""
     return x < place.last_before - distance and not watch.is_behind
 
 
@@ -117,8 +117,8 @@ def find_place_ahead(places: Places, number: int, x: float, distance: float) -> 
 
 
 @njit(forceinline=True)
-def follow_pull(place: Place, watch: Watch, x: float, pull: float, time: float) -> Watch:
-    """Note the least pull on the approach to a place, the greatest one after it, the passage."""
+def update_watch(place: Place, watch: Watch, x: float, pull: float, time: float) -> Watch:
+    """Update the least pull on the approach to a place, the greatest after it, and the passage."""
     if not place.is_there:
         return watch
     is_ahead = x < place.start
@@ -154,7 +154,7 @@ def is_passed(place: Place, watch: Watch, x: float, pull: float, sliding_pull: f
 
 
 @njit
-def note_passage(row: Array, place: Place, watch: Watch) -> None:
+def write_passage_row(row: Array, place: Place, watch: Watch) -> None:
     """Write a passage into its row; the columns are those of `Passage`."""
     row[0] = place.number
     row[1] = watch.greatest

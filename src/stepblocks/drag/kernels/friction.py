@@ -28,7 +28,7 @@ class Bristles(NamedTuple):
 
 
 @njit(forceinline=True)
-def compute_grip(
+def move_tangential_spring(
     bristle: float,
     travel: float,
     speed: float,
@@ -38,7 +38,7 @@ def compute_grip(
     damping: float,
     bends: bool,
 ) -> Grip:
-    """Move a tangential spring by a `travel` [m] at a `speed` [m/s].
+    """Move a tangential spring by a `travel` [m] at a `speed` [m/s]; return its new grip.
 
     It sticks below the `limit` [N] and yields there, or bends towards it (Dahl, LuGre), implicitly,
     so that no step passes the limit. `give` is the inverse of the stiffness [m/N].
@@ -66,7 +66,7 @@ def compute_coefficient(
     x: float,
     time: float,
 ) -> float:
-    """Coefficient of friction [1] of a contact under a normal force [N]."""
+    """Return the coefficient of friction [1] of a contact under a normal force [N]."""
     if law is not None:
         return law(speed, normal, x, time)
     if not friction.varies:
@@ -94,8 +94,8 @@ def start_bristles(
 
 
 @njit(forceinline=True)
-def update_bristles_at_kink(bristles: Bristles, was_right: bool, is_right: bool) -> Bristles:
-    """Let the branches change their parts where the tip passes a kink."""
+def swap_bristles_at_kink(bristles: Bristles, was_right: bool, is_right: bool) -> Bristles:
+    """Swap the bristles of both branches where the tip passes a kink."""
     if is_right == was_right:
         return bristles
     return Bristles(bristles.beyond, bristles.under, bristles.wall)
@@ -112,14 +112,14 @@ def move_bristle(
     time: float,
     time_step: float,
 ) -> Grip:
-    """Move the bristle of a contact over a step; an open contact lets go of its bristle."""
+    """Move the bristle of a contact over a step; an open contact releases its bristle."""
     if not touch.normal > 0.0:
         return Grip(0.0, 0.0)
     rate = compute_sliding_speed(touch, speed)
     coefficient = compute_coefficient(friction, law, rate, touch.normal, tip.x, time)
     travel = rate * time_step
     limit = coefficient * touch.normal
-    return compute_grip(
+    return move_tangential_spring(
         bristle,
         travel,
         rate,
@@ -138,7 +138,7 @@ def move_wall_spring(wall: Wall, stretch: float, speed: float, time_step: float)
         return Grip(0.0, stretch)
     travel = speed * time_step
     give = 1.0 / wall.stiffness
-    return compute_grip(
+    return move_tangential_spring(
         stretch,
         travel,
         speed,
@@ -152,12 +152,12 @@ def move_wall_spring(wall: Wall, stretch: float, speed: float, time_step: float)
 
 @njit(forceinline=True)
 def compute_bristle_energy(friction: Friction, bristles: Bristles) -> float:
-    """Energy of the bristles of both contacts [J]."""
+    """Return the energy of the bristles of both contacts [J]."""
     squares = bristles.under * bristles.under + bristles.beyond * bristles.beyond
     return 0.5 * friction.stiffness * squares
 
 
 @njit(forceinline=True)
 def compute_wall_change(wall: Wall, before: float, after: float) -> float:
-    """Energy that the spring of the wall has taken up from one stretch to another [J]."""
+    """Return the energy that the wall's spring takes up from one stretch to another [J]."""
     return 0.5 * wall.stiffness * (after * after - before * before)

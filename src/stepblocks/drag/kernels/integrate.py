@@ -14,17 +14,17 @@ from stepblocks.drag.kernels.contact import (
 from stepblocks.drag.kernels.event import (
     Peak,
     Watch,
+    allocate_passages,
     find_place_ahead,
     find_release_time,
-    follow_peak,
-    follow_pull,
     has_ended,
     has_fallen_back,
     is_passed,
-    make_passages,
-    note_passage,
     read_place,
-    reset_pull,
+    reset_watch,
+    update_peak,
+    update_watch,
+    write_passage_row,
 )
 from stepblocks.drag.kernels.friction import (
     Bristles,
@@ -34,7 +34,7 @@ from stepblocks.drag.kernels.friction import (
     move_bristle,
     move_wall_spring,
     start_bristles,
-    update_bristles_at_kink,
+    swap_bristles_at_kink,
 )
 from stepblocks.drag.kernels.ledger import (
     add_powers,
@@ -117,7 +117,7 @@ def integrate(
     modes = start_overtones(model, overtones)
     lag = modes[:, DEFLECTION].sum()  # of the tip behind the first mode
     lag_rate = 0.0
-    position = _place_everything(model, start)
+    position = _place_at_start(model, start)
     velocity = Motion(model.handle.speed, 0.0, model.handle.speed, 0.0)
     piece = find_piece(path, start.x, 0)
     kink = find_nearest_kink(path, start.x, 0)
@@ -130,9 +130,9 @@ def integrate(
     watch = Watch(False, np.inf, 0.0, -np.inf, 0.0, start.x, 0.0)
     peak = Peak(-np.inf, 0.0)
     ledger = Ledger(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    passages = make_passages(places)
+    passages = allocate_passages(places)
     passed = 0
-    rows = _make_rows(pace, modes)
+    rows = _allocate_rows(pace, modes)
     written = 0
     countdown = 0
     for step in range(pace.steps):
@@ -147,7 +147,7 @@ def integrate(
         under = touch_piece(piece, contact, position, velocity)
         beyond = touch_beyond_kink(kink, model.window, contact, position, velocity)
         # ---- friction of both contacts, and of the wall
-        bristles = update_bristles_at_kink(bristles, was_right, is_right)
+        bristles = swap_bristles_at_kink(bristles, was_right, is_right)
         grip = move_bristle(
             friction, friction_law, under, bristles.under, position, velocity, time, travel_time
         )
@@ -174,20 +174,20 @@ def integrate(
         first_mode_force = spring + tug
         overtone_force = model.spring.tool_stiffness * ring.stretch
         gauge = share_of_first_mode * first_mode_force + overtone_force
-        peak = follow_peak(peak, gauge, time)
+        peak = update_peak(peak, gauge, time)
         if has_fallen_back(place, watch, position.x, stop.fall_back):
             place = find_place_ahead(places, place.number, position.x, stop.fall_back)
-            watch = reset_pull(watch)
-        watch = follow_pull(place, watch, position.x, gauge, time)
+            watch = reset_watch(watch)
+        watch = update_watch(place, watch, position.x, gauge, time)
         passes = is_passed(place, watch, position.x, gauge, model.sliding_pull)
         is_over = False
         if passes:
-            note_passage(passages[passed], place, watch)
+            write_passage_row(passages[passed], place, watch)
             passed += 1
             is_over = place.locks or passed == passages.shape[0]
             released_time = find_release_time(watch)
             place = read_place(places, place.number + 1)
-            watch = reset_pull(watch)
+            watch = reset_watch(watch)
         following_x = position.x + dt * velocity.x
         is_over = is_over or step == pace.steps - 1
         ends = has_ended(stop, place, following_x, gauge, time - released_time, is_over)
@@ -227,7 +227,7 @@ def integrate(
 
 
 @njit
-def _place_everything(model: Model, start: Start) -> Motion:
+def _place_at_start(model: Model, start: Start) -> Motion:
     """Place tip, handle and carrier as in steady sliding, or at rest where a force pulls."""
     carrier = model.carrier
     handle_x = start.x
@@ -240,8 +240,8 @@ def _place_everything(model: Model, start: Start) -> Motion:
 
 
 @njit
-def _make_rows(pace: Pace, modes: Array) -> Array:
-    """Make room for the rows of a trace; with overtones the force of each mode has a column."""
+def _allocate_rows(pace: Pace, modes: Array) -> Array:
+    """Allocate the rows of a trace; with overtones the force of each mode has a column."""
     columns = len(COLUMNS)
     if modes.size > 0:
         columns += 1 + modes.shape[0]

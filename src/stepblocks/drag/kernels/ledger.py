@@ -60,7 +60,7 @@ def compute_powers(
 
 @njit(forceinline=True)
 def _compute_damping_y(model: Model, before: Motion, mean: Motion) -> float:
-    """Power of the damper upwards [W]."""
+    """Return the power of the damper upwards [W]."""
     damping = model.carrier.damping
     if model.carrier.is_sprung:
         return damping * (before.carrier - before.y) * (mean.carrier - mean.y)
@@ -122,7 +122,7 @@ def compute_stored_energies(
     bristle_energy: float,
     ring: Ring,
 ) -> Ledger:
-    """Energies that are stored at the middle of a kick, as entries of the ledger [J]."""
+    """Return the energies that are stored at the middle of a kick, as a ledger [J]."""
     spring, handle, carrier = model.spring, model.handle, model.carrier
     kinetic_tip = 0.5 * spring.mass * (mean.x * mean.x + mean.y * mean.y)
     kinetic_carrier = 0.5 * carrier.mass * mean.carrier * mean.carrier

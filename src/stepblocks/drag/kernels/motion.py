@@ -27,7 +27,7 @@ def move_by_velocity(position: Motion, velocity: Motion, time_step: float) -> Mo
 
 @njit(forceinline=True)
 def average_velocities(before: Motion, after: Motion) -> Motion:
-    """Mean velocity over a kick."""
+    """Return the mean velocity over a kick."""
     return Motion(
         0.5 * (after.x + before.x),
         0.5 * (after.y + before.y),

@@ -72,13 +72,13 @@ def start_overtones(model: Model, overtones: Array) -> Array:
 
 @njit(forceinline=True)
 def compute_spring_force(spring: Spring, stretch: float) -> float:
-    """Force of the first mode at its stretch [N]."""
+    """Return the force of the first mode at its stretch [N]."""
     return spring.stiffness * stretch + spring.hardening * stretch * stretch * stretch
 
 
 @njit(forceinline=True)
 def compute_carrier_force(carrier: Carrier, position: Motion) -> float:
-    """Force of the weight on the tip, upwards [N]."""
+    """Return the force of the weight on the tip, upwards [N]."""
     if carrier.is_sprung:
         return carrier.stiffness * (position.carrier - position.y)
     return -carrier.load
@@ -113,7 +113,7 @@ def accelerate(model: Model, kick: Kick, velocity: Motion, forces: Forces) -> Mo
 
 @njit(forceinline=True)
 def compute_damper_force(model: Model, before: Motion, mean: Motion) -> float:
-    """Force of the damper of the first mode [N].
+    """Return the force of the damper of the first mode [N].
 
     Of a handle that a force pulls it is taken where the kick begins, as `accelerate` does.
     """
