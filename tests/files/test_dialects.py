@@ -20,7 +20,7 @@ from stepblocks.drag.subject import resolve_subject
 from stepblocks.errors import ReadingWarning, StepblocksError
 from stepblocks.files.layout import TableLayout
 from stepblocks.files.tables import load_table, read_si_columns
-from stepblocks.inspect.scan_list import is_table
+from stepblocks.inspect.scan_list import is_one_scan_table
 from stepblocks.predict.perception import read_discrimination
 from stepblocks.predict.table import predict_table
 from stepblocks.records.sheet_read import read_filled_sheet
@@ -115,7 +115,7 @@ def compare_study(path: Path, write: Callable[[dict[str, list]], None]) -> None:
 def compare_scan_list(path: Path, write: Callable[[dict[str, list]], None]) -> None:
     """Tell a list of scans by its header."""
     write({"scan": ["a.csv", "b.csv"], "stimulus": ["step-050", "step-025"]})
-    assert is_table([path])
+    assert is_one_scan_table([path])
 
 
 def compare_record(path: Path, write: Callable[[dict[str, list]], None]) -> None:

@@ -252,7 +252,7 @@ def test_the_riser_of_the_roundest_edge_that_is_not_resolved_is_among_those_trie
         crossing=(0.0, spacing),
         compute_cost_grid=lambda *_: None,
     )
-    grid = edge_arc._evaluate_unresolved(tried)
+    grid = edge_arc._compute_unresolved_grid(tried)
     risers = grid.risers
     radius = float(grid.radii.max())
     behind = brentq(

@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 from oracles.softgauge import correlated_noise, edge_gauge
-from stepblocks.inspect.edge import fit_edge, fit_step
+from stepblocks.inspect.edge import fit_edge, fit_step_height
 from stepblocks.inspect.filtering import FACE_CUTOFF, compute_mean_line, continue_face
 from stepblocks.inspect.form import compute_flatness, estimate_zone, fit_face
 from stepblocks.inspect.working_edge.burr import find_burr
@@ -83,7 +83,7 @@ def test_random_waviness_leaves_a_height_as_uncertain_as_it_makes_it(length):
     scores = []
     for seed in range(40):
         x, z = make_wavy_edge(seed, length, spacing=4e-6, reach=4e-3)
-        height = fit_step(x, z, 64e-6)
+        height = fit_step_height(x, z, 64e-6)
         chance = stats.t.cdf((height.value - 50e-6) / height.std, height.dof)
         scores.append(stats.norm.ppf(chance))
     # the root mean square of forty normal scores scatters by 0.11

@@ -9,9 +9,14 @@ import numpy as np
 import pytest
 
 from oracles.softgauge import correlated_noise, edge_gauge
-from stepblocks.inspect.features import _compute_likelihood_gain, _count_points_together
+from stepblocks.inspect.features import _compute_likelihood_gain, _estimate_correlation_length
 from stepblocks.inspect.found_edges import _compute_window_differences, _find_plateau_middle
-from stepblocks.inspect.levelling import Fit, fit_two_planes, fit_without_spikes, remove_spikes
+from stepblocks.inspect.levelling import (
+    Fit,
+    filter_by_running_median,
+    fit_two_planes,
+    fit_without_spikes,
+)
 from stepblocks.inspect.noise import (
     LEAST_SCATTER,
     compute_estimator_covariance,
@@ -29,9 +34,9 @@ def test_a_running_median_takes_spikes_away_and_leaves_edges_where_they_are():
     heights = np.where(np.arange(60) < 30, 0.0, 5.0)
     spiked = heights.copy()
     spiked[[7, 44]] = 100.0, -100.0
-    np.testing.assert_array_equal(remove_spikes(spiked), heights)
+    np.testing.assert_array_equal(filter_by_running_median(spiked), heights)
     spiked[20] = np.nan
-    calm = remove_spikes(spiked)
+    calm = filter_by_running_median(spiked)
     assert np.isnan(calm[20])
     np.testing.assert_array_equal(np.delete(calm, 20), np.delete(heights, 20))
 
@@ -216,7 +221,7 @@ def test_a_fit_without_residuals_gains_on_a_smooth_curve_by_the_scatter_that_cou
     kept = np.ones(t.size, dtype=bool)
     step = np.where(t > 0.0, 1e-6, 0.0)
     fit = Fit(np.stack([np.ones_like(t), step]), np.eye(2, 200), np.zeros(2), 0.0 * t, kept, 0)
-    together = _count_points_together(fit)
+    together = _estimate_correlation_length(fit)
     gain = _compute_likelihood_gain(t, step, fit, 1, together)
     curve = np.stack([t, np.ones_like(t)])
     left = step - np.linalg.lstsq(curve.T, step, rcond=None)[0] @ curve

@@ -16,7 +16,12 @@ from oracles.softgauge import (
 )
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Instrument
-from stepblocks.inspect.edge_arc import Window, _evaluate_unresolved, compute_edge_profile, fit_arc
+from stepblocks.inspect.edge_arc import (
+    Window,
+    _compute_unresolved_grid,
+    compute_edge_profile,
+    fit_arc,
+)
 from stepblocks.inspect.edge_flank import fit_flank, is_flank_of_surface
 from stepblocks.inspect.form import _DRAWS, fit_face
 from stepblocks.inspect.grooves import measure_groove
@@ -282,7 +287,7 @@ def test_where_an_edge_too_sharp_for_the_sampling_may_lie_holds_the_place_where_
     riser, radius = offset * spacing, 5.9 * spacing
     z = compute_edge_profile(x, riser, 40e-6, radius)
     window = Window(x, z, 40e-6, spacing, np.array([20e-9**2]), np.zeros((1, len(x))))
-    tried = _evaluate_unresolved(window)
+    tried = _compute_unresolved_grid(window)
     radii, risers = tried.radii, tried.risers
     assert radii[-1] > radius
     assert risers[0] <= riser + radius - np.sqrt(radius**2 - (radius - 40e-6) ** 2) <= risers[-1]

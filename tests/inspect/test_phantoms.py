@@ -10,7 +10,7 @@ from stepblocks.inspect.evaluation import AS_FOUND
 from stepblocks.inspect.feature import suggest_other_evaluation
 from stepblocks.inspect.features import Feature, Levels
 from stepblocks.inspect.found_edges import FoundEdge, find_edges
-from stepblocks.inspect.groove_profile import _check_level
+from stepblocks.inspect.groove_profile import _refuse_faces_not_level
 from stepblocks.inspect.grooves import measure_groove
 from stepblocks.inspect.noise import Estimate
 from stepblocks.inspect.run import inspect_standard
@@ -123,7 +123,7 @@ def test_edges_whose_flanks_overlap_may_stand_in_another_order():
     used = np.ones(100, dtype=bool)
     levels = Levels((height,), 1, z, used, 0, 99.0, 1.0, tuple(edges))
     with pytest.raises(MetrologyError, match="must keep half of their points"):
-        _check_level(x, z, levels, height)
+        _refuse_faces_not_level(x, z, levels, height)
 
 
 def test_a_profile_of_which_half_is_missing_is_refused_for_that():

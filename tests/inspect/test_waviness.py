@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from oracles.softgauge import edge_gauge, margin_gauge
-from stepblocks.inspect.edge import fit_edge, fit_step
+from stepblocks.inspect.edge import fit_edge, fit_step_height
 from stepblocks.inspect.margin_gap import fit_margin
 
 POSITION = np.arange(-4e-3, 4e-3, 4e-6)
@@ -25,7 +25,7 @@ def make_wavy(amplitude, period, seed, phase_of_upper=0.0):
 @pytest.mark.parametrize("period", [0.2e-3, 0.8e-3, 1.2e-3])
 def test_waviness_of_two_micrometres_leaves_the_height_to_a_hundredth_of_one(period):
     for seed, phase_of_upper in ((0, 0.0), (1, 2.0)):  # the faces may be out of phase
-        height = fit_step(POSITION, make_wavy(1e-6, period, seed, phase_of_upper), 64e-6)
+        height = fit_step_height(POSITION, make_wavy(1e-6, period, seed, phase_of_upper), 64e-6)
         assert abs(height.value - HEIGHT) < 0.01e-6
         assert height.std < 0.01e-6
         assert abs(height.value - HEIGHT) < 3.0 * height.std
@@ -46,7 +46,7 @@ def test_waviness_without_a_period_stays_in_the_uncertainty():
         random = np.random.default_rng(seed)
         wave = gaussian_filter1d(random.normal(0.0, 1.0, len(POSITION)), 25.0, mode="wrap")
         surface = edge_gauge(POSITION, HEIGHT) + 0.3e-6 * wave / wave.std()
-        height = fit_step(POSITION, surface, 64e-6)
+        height = fit_step_height(POSITION, surface, 64e-6)
         misses.append(abs(height.value - HEIGHT) / height.std)
         assert height.std > 0.03e-6
     assert sum(miss > 2.0 for miss in misses) <= 2

@@ -251,7 +251,7 @@ def inspect(
     """
     from stepblocks.inspect.evaluation import EvaluationOptions
     from stepblocks.inspect.levelling import LEVELS
-    from stepblocks.inspect.scan_list import is_table
+    from stepblocks.inspect.scan_list import is_one_scan_table
     from stepblocks.records.laboratory import read_laboratory
 
     refuse_more_than_one(stimulus=stimulus, standard=standard)
@@ -283,7 +283,7 @@ def inspect(
         layout=layout,
     )
     declared = keep_given_options(stimuli=stimuli, characteristics=characteristics)
-    if len(scans) > 1 or scan.is_dir() or is_table(scans):
+    if len(scans) > 1 or scan.is_dir() or is_one_scan_table(scans):
         arguments |= keep_given_options(stimulus=stimulus, standard=standard)
         if standard is None:
             arguments |= declared

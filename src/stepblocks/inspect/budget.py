@@ -127,8 +127,8 @@ class Instrument:
     lateral_std: float | None = None
 
     def __post_init__(self) -> None:
-        _check_scale("calibration", self.calibration_std)
-        _check_scale("lateral calibration", self.lateral_std)
+        _require_relative_std("calibration", self.calibration_std)
+        _require_relative_std("lateral calibration", self.lateral_std)
         if not 0.0 <= self.resolution < _LARGEST_RESOLUTION:
             raise MetrologyError(
                 "resolution, or one count of a scan, must be at least 0 and below 1 mm, got "
@@ -136,7 +136,7 @@ class Instrument:
             )
 
 
-def _check_scale(name: str, std: float | None) -> None:
+def _require_relative_std(name: str, std: float | None) -> None:
     """Refuse a relative standard uncertainty [1] that is stated and not in [0, 1)."""
     if std is not None and not 0.0 <= std < 1.0:
         raise MetrologyError(f"{name} must be at least 0 and below 1, got {std}")
@@ -252,6 +252,7 @@ class Measured:
         highest = 2.0 * (math.sqrt(3.0) + float(stdtrit(self.dof, share)) * beside)
 
         def miss_share(quantile: float) -> float:
+            """Return by how much the probability below a quantile exceeds `share`."""
             probability = stdtr(self.dof, (quantile - nodes) / beside).mean()
             return float(probability - share)
 
@@ -308,7 +309,7 @@ def add_instrument_components(
         (Source.LATERAL_CALIBRATION, instrument.lateral_std, powers.lateral),
     ):
         if power != 0.0:
-            components.append(_describe_scale(source, stated, power, value))
+            components.append(_make_scale_component(source, stated, power, value))
     resolution = Component(
         Source.RESOLUTION,
         instrument.resolution / math.sqrt(12.0),
@@ -319,8 +320,10 @@ def add_instrument_components(
     return Measured(name, value, tuple(components))
 
 
-def _describe_scale(source: Source, stated: float | None, power: float, value: float) -> Component:
-    """Return what a scale of relative standard uncertainty `stated` leaves open of a value [m].
+def _make_scale_component(
+    source: Source, stated: float | None, power: float, value: float
+) -> Component:
+    """Make the component of a scale of relative standard uncertainty `stated`, of a value [m].
 
     Where nobody stated it, what makers specify stands for it.
     """
@@ -343,7 +346,7 @@ def average_profiles(
     powers: ScalePowers = _HEIGHT,
     of: str = "profiles",
 ) -> Measured:
-    """Mean over profiles, or what else `of` says, with its budget; one shows no repeatability.
+    """Average over profiles, or what else `of` says, with a budget; one has no repeatability.
 
     Raises
     ------

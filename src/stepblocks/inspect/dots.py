@@ -24,9 +24,9 @@ from stepblocks.inspect.budget import (
 from stepblocks.inspect.evaluation import AS_FOUND, Evaluation, EvaluationOptions, Shown
 from stepblocks.inspect.map_levels import (
     TURNS,
+    build_row_lines,
     find_bulk,
-    find_lines,
-    find_nearest,
+    find_nearest_known,
     level_map,
     level_rows,
     sum_lines,
@@ -40,7 +40,7 @@ from stepblocks.inspect.noise import (
     estimate_std_of_row_sums,
 )
 from stepblocks.inspect.notes import NoteKind
-from stepblocks.inspect.profiles import list_features
+from stepblocks.inspect.profiles import number_features
 from stepblocks.scans.scan import HeightMap, ScannedProfile
 
 Labels = NDArray[np.intp]  # shape (ny, nx); number of a dot at its points, else 0
@@ -122,7 +122,7 @@ def measure_dots(
     if isinstance(scan, ScannedProfile):
         raise MetrologyError("dots and craters must be seen in a map, got a profile")
     known = np.isfinite(scan.height)
-    z = scan.height[find_nearest(known)]
+    z = scan.height[find_nearest_known(known)]
     dots = _find_dots_and_reference(scan, z, known, options)
     level = level_map(z, dots.reference, 2)
     rows = level_rows(level, dots.reference)
@@ -142,7 +142,7 @@ def measure_dots(
         found.append(Estimate(depth, std, depths.dof))
     changes = depths.list_changes(kept)
     average_noise = float(np.sqrt(np.mean(depths.stds[kept] ** 2) / len(kept)))
-    average_form = _bound_form(changes.mean(axis=1), average_noise)
+    average_form = _make_form_component(changes.mean(axis=1), average_noise)
     average = partial(
         average_profiles, f"{name}, mean", found, instrument, [average_form], of="dots"
     )
@@ -151,10 +151,10 @@ def measure_dots(
     features = []
     for estimate, (y, x), change in zip(found, places, changes.T, strict=True):
         at_place = f"{name} at {x * scan.dx * 1e6:.4g}, {y * scan.dy * 1e6:.4g} um"
-        features.append(_describe_dot(at_place, estimate, change, instrument))
+        features.append(_add_depth_budget(at_place, estimate, change, instrument))
     most_floor = np.argmax(np.isin(regions.floor, kept + 1).sum(axis=1))
     return Evaluation(
-        values=list_features(key, features, average, notes),
+        values=number_features(key, features, average, notes),
         convention="each dot or crater by the mean of the inner half of its width at half depth, "
         "over the surface beside it, levelled row by row, "
         f"{dots.exclusion * 1e6:.3g} um kept from every edge",
@@ -173,7 +173,7 @@ def _find_dots_and_reference(
     pitch = (scan.dy, scan.dx)
     reference = find_bulk(z, known)
     for _ in range(TURNS // 2):
-        calm = _calm_surface(level_map(z, reference, 2), reference)
+        calm = _remove_lone_points(level_map(z, reference, 2), reference)
         labels = _label_dots(calm, scan.source)
         within = ndimage.distance_transform_edt(labels > 0, sampling=pitch)
         outside = ndimage.distance_transform_edt(labels == 0, sampling=pitch)
@@ -195,8 +195,8 @@ class _CalmSurface:
         return np.asarray(np.abs(self.heights) > self.least)
 
 
-def _calm_surface(level: Array, reference: Mask) -> _CalmSurface:
-    """Take single points that stand out from a levelled map, shape (ny, nx) [m]."""
+def _remove_lone_points(level: Array, reference: Mask) -> _CalmSurface:
+    """Remove single points that stand out from a levelled map, shape (ny, nx) [m]."""
     beside = level[reference]
     heights = ndimage.median_filter(level - np.median(beside), 3)
     scatter = max(estimate_robust_scale(beside), LEAST_SCATTER)
@@ -229,7 +229,7 @@ def _divide_regions(dots: _Dots, known: Mask) -> _Regions:
     floor = np.where(known & (depth_within > _FLOOR), labels, 0)
     # the surface beside a dot is nearer to it than to another, and as wide as the widest
     is_near = dots.outside < dots.exclusion + dots.within.max()
-    nearest = labels[find_nearest(labels > 0)]
+    nearest = labels[find_nearest_known(labels > 0)]
     return _Regions(
         floor=floor,
         core=np.where(depth_within > _CORE, floor, 0),
@@ -247,6 +247,7 @@ def _measure_depths(dots: _Dots, regions: _Regions, level: Array, rows: Array) -
     numbers = dots.numbers
 
     def subtract_means(heights: Array, inner: Labels) -> Array:
+        """Return the difference of mean heights within and beside dots, shape (dots,) [m]."""
         of_inner = ndimage.mean(heights, inner, numbers)
         return np.asarray(np.abs(of_inner - ndimage.mean(heights, regions.beside, numbers)))
 
@@ -267,7 +268,7 @@ def _list_weights(
 
     The lines of the rows go through other points, too.
     """
-    lines = find_lines(reference)
+    lines = build_row_lines(reference)
     for number, (own_rows, _) in enumerate(
         ndimage.find_objects(np.maximum(labels, beside)), start=1
     ):
@@ -307,7 +308,7 @@ def _find_measured_dots(dots: _Dots, known: Mask) -> Mask:
 
 
 def _select_asked_dots(kept: NDArray[np.intp], asked: Sequence[int] | None) -> NDArray[np.intp]:
-    """Return those of the dots that were kept that are asked for, counted from 1; else all."""
+    """Return the kept dots that the options name, counted from 1; all where they name none."""
     if not asked:
         return kept
     if max(asked) > len(kept):
@@ -315,22 +316,22 @@ def _select_asked_dots(kept: NDArray[np.intp], asked: Sequence[int] | None) -> N
     return np.asarray(kept[np.array(asked) - 1])
 
 
-def _describe_dot(
+def _add_depth_budget(
     name: str, estimate: Estimate, changes: Array, instrument: Instrument
 ) -> Measured:
-    """Return the depth of a dot with its budget; `changes` are those by both other ways [m]."""
+    """Add its budget to the depth of a dot; `changes` are those by both other ways [m]."""
     noise = Component(
         Source.NOISE,
         estimate.std,
         estimate.dof,
         "autocovariance of the surface beside it, and what the lines of its rows leave",
     )
-    form = _bound_form(changes, estimate.std)
+    form = _make_form_component(changes, estimate.std)
     return add_instrument_components(name, estimate.value, [noise], instrument, [form])
 
 
-def _bound_form(changes: Array, noise: float) -> Component:
-    """Return what the form leaves open of a depth, as a rectangle.
+def _make_form_component(changes: Array, noise: float) -> Component:
+    """Make the component that the form leaves open of a depth, a rectangle.
 
     It is the largest change by another levelling or part of a floor, less what noise alone changes
     [m].

@@ -63,8 +63,10 @@ def refuse_long_scan(sizes: Iterable[Characteristic], length: float, place: str)
     )
 
 
-def describe_doubts(size: Characteristic, value: float, parts: Iterable[Part]) -> list[Note]:
-    """Say that another part of the set is of a size.
+def note_other_parts_of_size(
+    size: Characteristic, value: float, parts: Iterable[Part]
+) -> list[Note]:
+    """Note that another part of the set is of the size that was measured.
 
     Parameters
     ----------

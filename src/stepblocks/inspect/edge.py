@@ -19,9 +19,9 @@ from stepblocks.inspect.found_edges import FoundEdge, find_edges
 from stepblocks.inspect.levelling import (
     LEAST_FACE,
     TwoPlanes,
+    filter_by_running_median,
     fit_two_planes,
     fit_without_spikes,
-    remove_spikes,
 )
 from stepblocks.inspect.noise import (
     LEAST_SCATTER,
@@ -32,7 +32,7 @@ from stepblocks.inspect.noise import (
     estimate_autocovariance,
     factor_covariance,
 )
-from stepblocks.inspect.waviness import estimate_height
+from stepblocks.inspect.waviness import estimate_height_beside_waves
 
 # mean square of whitened residuals on the arc beyond which one of its points may be a spike [1]
 _SUSPECT = 4.0
@@ -217,10 +217,10 @@ class _Faces:
             return level - self.wavy.evaluate(x)
         return level
 
-    def compute_errors(self, x: Array) -> Array:
+    def compute_covariance_root(self, x: Array) -> Array:
         """Return rows whose products add up to the covariance of the levels, shape (k, n) [m]."""
         if self.wavy is not None:
-            return self.wavy.compute_errors(x)
+            return self.wavy.compute_covariance_root(x)
         is_upper = (x > self.middle).astype(float)
         return np.asarray(self.errors @ np.stack([x - self.middle, np.ones(len(x)), is_upper]))
 
@@ -264,14 +264,14 @@ def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> 
     x = edge.x
     z = edge.z
     faces = _fit_faces_beside_rounding(edge) if exclusion is None else _fit_faces(edge, exclusion)
-    _check_step(faces, len(x))
+    _refuse_step_within_noise(faces, len(x))
     known = np.isfinite(z)
     near = known & (np.abs(x - edge.middle) < faces.exclusion)
     spikes = near & _find_edge_spikes(edge, faces)
     planes = faces.planes
     levelled = faces.level(x, z)
     corner = _fit_corner(x, levelled, edge.spacing, faces, np.flatnonzero(near & ~spikes))
-    _check_spikes(faces, spikes, near)
+    _refuse_many_spikes(faces, spikes, near)
     shape = corner.arc if corner.flank is None else corner.flank
     radius_std = shape.radius_std
     if faces.wavy is not None:
@@ -281,7 +281,7 @@ def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> 
     dropped = faces.asked & ~planes.fit.used | spikes
     sign = 1.0 if edge.rising else -1.0
     return Edge(
-        height=estimate_height(x, z, edge.middle, planes),
+        height=estimate_height_beside_waves(x, z, edge.middle, planes),
         # a bow leaves few degrees of freedom, yet many of the noise
         radius=Estimate(shape.radius, radius_std),
         radius_limit=shape.radius_limit,
@@ -306,14 +306,14 @@ def find_largest_edge(position: Array, height: Array) -> EdgePlace:
     return EdgePlace(-edge.middle, rising=False)
 
 
-def fit_step(position: Array, height: Array, exclusion: float) -> Estimate:
-    """Height of a step [m] alone, as `fit_edge` with this `exclusion` says it.
+def fit_step_height(position: Array, height: Array, exclusion: float) -> Estimate:
+    """Fit the height of a step [m] alone, as `fit_edge` does with this `exclusion`.
 
     Without its checks.
     """
     edge = _isolate_largest_edge(position, height)
     planes = _fit_faces(edge, exclusion).planes
-    return estimate_height(edge.x, edge.z, edge.middle, planes)
+    return estimate_height_beside_waves(edge.x, edge.z, edge.middle, planes)
 
 
 def _isolate_largest_edge(x: Array, height: Array) -> _IsolatedEdge:
@@ -398,8 +398,8 @@ def _fit_faces(edge: _IsolatedEdge, exclusion: float) -> _Faces:
     )
 
 
-def _check_step(faces: _Faces, points: int) -> None:
-    """Refuse a step that does not stand above its noise."""
+def _refuse_step_within_noise(faces: _Faces, points: int) -> None:
+    """Refuse a step that is not well above its noise."""
     height = faces.planes.height
     noise = max(height.std, faces.roughness / np.sqrt(points))
     if not height.value > _LEAST_STEP * noise:
@@ -409,7 +409,7 @@ def _check_step(faces: _Faces, points: int) -> None:
         )
 
 
-def _check_spikes(faces: _Faces, spikes: Mask, near: Mask) -> None:
+def _refuse_many_spikes(faces: _Faces, spikes: Mask, near: Mask) -> None:
     """Refuse an edge, or faces, of which too many points are spikes."""
     share = float(spikes.sum()) / max(int(near.sum()), 1)
     if share > _MOST_DROPPED:
@@ -473,7 +473,7 @@ def _fit_arc_to_points(
 ) -> Arc:
     """Fit an arc to some points of a profile, with what the planes leave open of their levels."""
     u = x[points]
-    errors = faces.compute_errors(u)
+    errors = faces.compute_covariance_root(u)
     window = Window(u, levelled[points], faces.step_height, spacing, faces.bare, errors)
     return fit_arc(window)
 
@@ -513,7 +513,7 @@ def _find_rounding_width(edge: _IsolatedEdge, faces: _Faces) -> float:
     is_upper = x > faces.middle
     off_face = faces.level(x, edge.z) - np.where(is_upper, faces.step_height, 0.0)
     filled = np.where(np.isfinite(edge.z), off_face, 0.0)
-    deviation = np.abs(remove_spikes(filled))
+    deviation = np.abs(filter_by_running_median(filled))
     off = deviation > max(_OFF_FACE * faces.roughness, _OFF_FACE_HEIGHT * faces.step_height)
     distance = np.abs(x - faces.middle)
     # points as far on either side are ordered by their place, not by the last bit of their distance

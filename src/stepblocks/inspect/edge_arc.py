@@ -232,7 +232,7 @@ def fit_arc(window: Window) -> Arc:
         riser=riser,
         excess=excess,
         misfit=float(lowest),
-        suspects=_list_suspects(window, across, riser),
+        suspects=_list_suspect_points(window, across, riser),
     )
 
 
@@ -243,7 +243,7 @@ def _compute_posterior_grid(window: Window) -> _CostGrid:
     the edge is resolved.
     """
     starts = _search_coarsely(window)
-    grid = _evaluate_unresolved(window)
+    grid = _compute_unresolved_grid(window)
     lowest = grid.costs.min()
     mean = _compute_moments(grid.radii, np.exp(lowest - grid.costs).sum(axis=1)).mean
     larger = [start.misfit for start in starts if start.radius > grid.radii[-1]]
@@ -266,7 +266,7 @@ def _compute_excess(window: Window, across: Array, radius: float, riser: float) 
     return max(1.0, float(np.mean(white[on_arc] ** 2)))
 
 
-def _list_suspects(window: Window, across: Array, riser: float) -> tuple[int, ...]:
+def _list_suspect_points(window: Window, across: Array, riser: float) -> tuple[int, ...]:
     """Return the points with the largest residuals, and the first on the arc.
 
     A spike low on the arc draws the circle to itself and leaves its residual to others.
@@ -277,8 +277,8 @@ def _list_suspects(window: Window, across: Array, riser: float) -> tuple[int, ..
     return tuple(sorted({*leading, *farthest.tolist()}))
 
 
-def _evaluate_unresolved(window: Window) -> _CostGrid:
-    """Compute costs over all that an edge too sharp for the sampling may be.
+def _compute_unresolved_grid(window: Window) -> _CostGrid:
+    """Compute costs over all radii and risers of an edge too sharp for the sampling.
 
     Many places are as likely there, so nothing is sought: a search would end in one or another of
     them by the last bits.
@@ -348,6 +348,7 @@ def _follow_downhill(window: Window, start: _Start) -> _Start:
     spacing = window.spacing
 
     def compute_cost(scaled: Array) -> float:
+        """Return the misfit at a radius and a riser, both in sampling intervals."""
         radius, riser = scaled[:, np.newaxis] * spacing
         if not radius[0] >= 0.0:
             return np.inf

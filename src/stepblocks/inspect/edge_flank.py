@@ -142,6 +142,7 @@ class _FlankModel:
         """
 
         def compute_residuals(state: Array) -> Array:
+            """Return the residuals of a state over their noise, at the points."""
             shape = self.compute_shape(state)
             return np.asarray((shape - self.levelled)[points] / np.sqrt(self.variance))
 

@@ -35,7 +35,7 @@ class WavyFaces:
         is_upper = distance > 0.0
         return np.where(is_upper, self.upper.evaluate(distance), self.lower.evaluate(distance))
 
-    def compute_errors(self, x: Array) -> Array:
+    def compute_covariance_root(self, x: Array) -> Array:
         """Return rows whose products add up to the covariance of the levels, shape (4, n) [m]."""
         distance = x - self.middle
         is_upper = distance > 0.0
@@ -75,7 +75,7 @@ def find_wavy_faces(
         height = residuals[side]
         known = np.isfinite(height)
         outward = sign * (x[side][known] - middle)
-        root = _try_continuing(outward, height[known], exclusion)
+        root = _estimate_continuation_errors(outward, height[known], exclusion)
         if root is None:
             return None
         line = continue_face(outward, height[known])
@@ -91,8 +91,8 @@ def find_wavy_faces(
     return WavyFaces(middle, lower, upper, estimate_autocovariance(rough), rows)
 
 
-def _try_continuing(distance: Array, height: Array, gap: float) -> Array | None:
-    """Try how well a face is continued across a gap [m].
+def _estimate_continuation_errors(distance: Array, height: Array, gap: float) -> Array | None:
+    """Estimate the errors of continuing a face across a gap [m].
 
     `distance` and `height`, shape (n,), are those of its points from the edge [m]. Returned are
     rows, shape (2, 2), whose products add up to the covariance of level [m] and slope [1]; None

@@ -238,6 +238,7 @@ def suggest_other_evaluation(
             continue
 
         def measure(shown: ScannedProfile | HeightMap, other: str = feature.key) -> Evaluation:
+            """Evaluate a scan as another feature."""
             return EVALUATIONS[other].measure(shown, instrument, asked, options)
 
         if evaluate_if_possible(measure, scan) is not None:

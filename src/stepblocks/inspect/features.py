@@ -139,7 +139,7 @@ def fit_features(
     for number, span in enumerate(_pair_edges(edges), start=1):
         height = fit.estimate(chosen + number)
         features.append(Feature(span.begin, span.end, span.unseen, span.flanks, height))
-    together = _count_points_together(fit)
+    together = _estimate_correlation_length(fit)
     positions = fit.design[1]
     terms = chosen + 1 + 2 * len(edges)
     return Levels(
@@ -179,7 +179,7 @@ def _fit_polynomials(
     """Fit polynomials and heights, by the degree, as far as the points determine them."""
     used = _find_points_beside_edges(x, z, edges, exclusion)
     spans = _pair_edges(edges)
-    _refuse_unseen(x, z, spans)
+    _refuse_unmeasured_features(x, z, spans)
     steps = np.array([(x > span.begin) & (x < span.end) for span in spans], dtype=np.float64)
     points_of_features = (used & (steps > 0.5)).sum(axis=1)
     points_beside = (used & (steps.sum(axis=0) < 0.5)).sum()
@@ -205,7 +205,7 @@ def _fit_polynomials(
     return fits
 
 
-def _refuse_unseen(x: Array, z: Array, spans: Sequence[_Span]) -> None:
+def _refuse_unmeasured_features(x: Array, z: Array, spans: Sequence[_Span]) -> None:
     """Refuse a ridge or groove of which next to nothing was measured."""
     for span in spans:
         inside = (x > span.begin) & (x < span.end)
@@ -232,8 +232,8 @@ def _find_points_beside_edges(
     return beside
 
 
-def _count_points_together(fit: Fit) -> float:
-    """Return how many points of the residuals of a fit wander together, one at least [1]."""
+def _estimate_correlation_length(fit: Fit) -> float:
+    """Estimate over how many points the residuals of a fit are correlated, at least 1 [points]."""
     kept = np.where(fit.used, fit.residuals, np.nan)
     gamma = estimate_autocovariance([kept], len(fit.design))
     if gamma[0] > 0.0:

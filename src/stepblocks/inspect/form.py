@@ -161,8 +161,8 @@ class FaceForm:
         height = (self.solution + added) @ self.columns + self.waviness
         return np.column_stack([self.grid, height])
 
-    def draws(self, random: np.random.Generator) -> list[Array]:
-        """Return what noise may have added to the coefficients [m].
+    def draw_coefficient_noise(self, random: np.random.Generator) -> list[Array]:
+        """Draw what noise may have added to the coefficients [m].
 
         It gives every draw and its mirror image.
         """
@@ -199,8 +199,8 @@ class _Axis:
         """Return all positions, -1 to 1 over the face [1]."""
         return (self.positions - self.middle) / self.half
 
-    def find_indices(self, places: Array) -> NDArray[np.intp]:
-        """Return the indices of the first positions at or behind places [m]."""
+    def find_first_at_or_after(self, places: Array) -> NDArray[np.intp]:
+        """Return the indices of the first positions at or after places [m]."""
         return np.searchsorted(self.positions, places).clip(0, len(self.positions) - 1)
 
 
@@ -278,10 +278,10 @@ def fit_face(x: Array, y: Array, height: Array, face: Mask) -> FaceForm:
         dof=mean.dof,
         degree=degree,
     )
-    judged = _judge_on_grid(form, face, along_x, along_y, powers)
+    judged = _sample_on_grid(form, face, along_x, along_y, powers)
     if waves is None:
         return judged
-    return _add_extremes(judged, waves, along_x, along_y, design)
+    return _add_wave_extremes(judged, waves, along_x, along_y, design)
 
 
 def _compute_step(positions: Array) -> float:
@@ -289,26 +289,28 @@ def _compute_step(positions: Array) -> float:
     return float((positions[-1] - positions[0]) / (len(positions) - 1))
 
 
-def _judge_on_grid(
+def _sample_on_grid(
     form: FaceForm, face: Mask, along_x: _Axis, along_y: _Axis, powers: list[_Powers]
 ) -> FaceForm:
-    """Return the form of a face, shape (ny, nx), that is judged at the places of a grid."""
+    """Return the form of a face, shape (ny, nx), sampled on a grid within the face."""
     side = np.linspace(-1.0, 1.0, _GRID)
     grid_x, grid_y = np.meshgrid(side, side)
     scaled = np.column_stack([grid_x.ravel(), grid_y.ravel()])
     middles = np.array([along_x.middle, along_y.middle])
     grid = middles + np.array([along_x.half, along_y.half]) * scaled
     # of a face that does not fill its rectangle, as in a turned map, only where it lies
-    inside = face[along_y.find_indices(grid[:, 1]), along_x.find_indices(grid[:, 0])]
+    inside = face[
+        along_y.find_first_at_or_after(grid[:, 1]), along_x.find_first_at_or_after(grid[:, 0])
+    ]
     scaled = scaled[inside]
     columns = _evaluate_terms(scaled[:, 0], scaled[:, 1], powers)
     return replace(form, grid=grid[inside], columns=columns)
 
 
-def _add_extremes(
+def _add_wave_extremes(
     form: FaceForm, waves: WavySurface, along_x: _Axis, along_y: _Axis, design: Array
 ) -> FaceForm:
-    """Return the form of a wavy face that is judged where its waves are highest and lowest, too.
+    """Return the form of a wavy face, sampled also where its waves are highest and lowest.
 
     `design`, shape (k, ny, nx), are the terms of the form. At the ends of the face the polynomial
     alone counts.
@@ -358,14 +360,14 @@ def _evaluate_terms(x: Array, y: Array, powers: list[_Powers]) -> Array:
     return np.stack(terms)
 
 
-def estimate_zone(width: Callable[..., float], *faces: FaceForm) -> Estimate:
+def estimate_zone(measure_zone: Callable[..., float], *faces: FaceForm) -> Estimate:
     """Return the zone of the form of faces, less what noise adds to it [m].
 
     What is taken off counts in the uncertainty, as a rectangle beside the scatter.
 
     Parameters
     ----------
-    width : callable
+    measure_zone : callable
         Takes the points of each face, shape (n, 3) [m], and returns the zone [m].
     *faces : FaceForm
         Forms of the faces.
@@ -381,15 +383,15 @@ def estimate_zone(width: Callable[..., float], *faces: FaceForm) -> Estimate:
     random = np.random.default_rng(1101)
     draws_of_faces, points, peaks, dofs = [], [], [], []
     for face in faces:
-        draws_of_faces.append(face.draws(random))
+        draws_of_faces.append(face.draw_coefficient_noise(random))
         points.append(face.compute_points())
         peaks.append(face.peaks)
         dofs.append(face.dof)
     draws = list(zip(*draws_of_faces, strict=True))
     scale_once, scale_twice = _SCALES
-    once = _compute_drawn_zones(width, faces, draws, scale_once)
-    twice = _compute_drawn_zones(width, faces, draws, scale_twice)
-    zone = float(width(*points))
+    once = _compute_drawn_zones(measure_zone, faces, draws, scale_once)
+    twice = _compute_drawn_zones(measure_zone, faces, draws, scale_twice)
+    zone = float(measure_zone(*points))
     first_growth = float(once.mean()) - zone
     second_growth = float(twice.mean() - once.mean())
     ratio = np.sqrt(2.0)
@@ -401,7 +403,7 @@ def estimate_zone(width: Callable[..., float], *faces: FaceForm) -> Estimate:
 
 
 def _compute_drawn_zones(
-    width: Callable[..., float],
+    measure_zone: Callable[..., float],
     faces: tuple[FaceForm, ...],
     draws: list[tuple[Array, ...]],
     scale: float,
@@ -415,5 +417,5 @@ def _compute_drawn_zones(
         shapes = []
         for face, noise in zip(faces, draw, strict=True):
             shapes.append(face.compute_points(scale * noise))
-        zones.append(width(*shapes))
+        zones.append(measure_zone(*shapes))
     return np.array(zones)

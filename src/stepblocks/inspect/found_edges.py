@@ -12,7 +12,11 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, median_filter
 
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.levelling import LEAST_FACE, check_profile, remove_spikes
+from stepblocks.inspect.levelling import (
+    LEAST_FACE,
+    filter_by_running_median,
+    refuse_unusable_profile,
+)
 from stepblocks.inspect.noise import LEAST_SCATTER, Array, Mask, estimate_robust_scale
 
 _STAND_OUT = 7.0  # difference of two windows over the usual one, from which it is an edge [1]
@@ -78,8 +82,8 @@ def find_edges(x: Array, z: Array) -> list[FoundEdge]:
     MetrologyError
         If no difference of two windows stands out, or too few points are known to tell.
     """
-    check_profile(x, z, 2 * LEAST_FACE)
-    profile = _Profile(x, remove_spikes(z), np.isfinite(z))
+    refuse_unusable_profile(x, z, 2 * LEAST_FACE)
+    profile = _Profile(x, filter_by_running_median(z), np.isfinite(z))
     nothing_found = MetrologyError(
         f"profile must show a step above its noise, one that stands out {_STAND_OUT:g} times "
         "over what is usual, got none"

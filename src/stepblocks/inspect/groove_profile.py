@@ -110,7 +110,7 @@ class MeasuredProfile:
         return [measured.feature.height.value for measured in self.features]
 
     def keep_nearest(self, places: Array) -> "MeasuredProfile":
-        """Keep the features nearest to the usual places [m], where there are others, too."""
+        """Keep the feature nearest to each place [m]; all where there are no more than places."""
         if len(self.features) <= len(places):
             return self
         begins = np.array([span.begin for span in self.spans])
@@ -149,7 +149,7 @@ def measure_profile(
     z = crossing.item.height
     levels = _measure_with_hidden_features(x, z, crossing.result, options)
     chosen = _choose_features(levels, options)
-    other_heights = _evaluate_otherwise(x, z, levels, options)
+    other_heights = _evaluate_alternatives(x, z, levels, options)
     extent = _measure_extent(x, z)
     features = []
     for index in chosen:
@@ -227,7 +227,7 @@ def _find_points_beside_features(x: Array, z: Array, levels: Levels) -> Mask:
 
 
 def _choose_features(levels: Levels, options: EvaluationOptions) -> list[int]:
-    """Return the indices of the features that are asked for, all by default."""
+    """Return the indices of the features that the options name; all by default."""
     chosen = []
     for index in range(len(levels.features)):
         if options.edges is None or index + 1 in options.edges:
@@ -246,7 +246,7 @@ def _measure_extent(x: Array, z: Array) -> float:
     return float(np.ptp(z[known] - line(x[known])))
 
 
-def _evaluate_otherwise(
+def _evaluate_alternatives(
     x: Array, z: Array, levels: Levels, options: EvaluationOptions
 ) -> list[Array]:
     """Return heights by the next polynomial, and with more kept out at the edges [m].
@@ -291,19 +291,19 @@ def _measure_feature(
     is_free = options.degree is None and options.exclusion is None
     by_windows = _evaluate_by_windows(x, z, levels, feature) if is_free else None
     if by_windows is not None:
-        return _describe_type_a1(feature, by_windows, levels.degree)
+        return _make_type_a1_feature(feature, by_windows, levels.degree)
     if not feature.is_single_step:
         on_dome = _measure_dome(x, z, levels, feature)
         if on_dome is not None:
             return on_dome
-    _check_level(x, z, levels, feature)
+    _refuse_faces_not_level(x, z, levels, feature)
     return MeasuredFeature(
         feature, changes, Method(MethodKind.POLYNOMIAL, levels.degree), windows=(), outliers=0
     )
 
 
-def _describe_type_a1(feature: Feature, found: TypeA1, degree: int) -> MeasuredFeature:
-    """Return a feature by type A1 or A2, whose height has the opposite sign of a depth."""
+def _make_type_a1_feature(feature: Feature, found: TypeA1, degree: int) -> MeasuredFeature:
+    """Make a feature of type A1 or A2; its height is minus the depth."""
     height = replace(found.depth, value=-found.depth.value)
     kind = MethodKind.A2 if found.kind is A1Kind.A2 else MethodKind.A1
     windows = (
@@ -364,8 +364,8 @@ def _evaluate_by_windows(x: Array, z: Array, levels: Levels, feature: Feature) -
     return None
 
 
-def _check_level(x: Array, z: Array, levels: Levels, feature: Feature) -> None:
-    """Refuse a step beside faces that are not level: the height of a sawtooth is what one chooses.
+def _refuse_faces_not_level(x: Array, z: Array, levels: Levels, feature: Feature) -> None:
+    """Refuse a step beside faces that are not level, since its height depends on the datum.
 
     `x` and `z`, shape (n,), are positions and heights of the profile [m].
     """
@@ -376,7 +376,7 @@ def _check_level(x: Array, z: Array, levels: Levels, feature: Feature) -> None:
         )
     # what a profile with whole features cuts at its ends has less
     if all(shown.is_single_step for shown in levels.features):
-        _check_points_beside(x, z, levels, feature)
+        _refuse_few_points_beside(x, z, levels, feature)
     height = abs(feature.height.value)
     residual = float(np.sqrt(np.mean((z - levels.level)[levels.used] ** 2)))
     face = float(levels.used.sum()) / (len(levels.edges) + 1)
@@ -389,7 +389,7 @@ def _check_level(x: Array, z: Array, levels: Levels, feature: Feature) -> None:
     _refuse_sawtooth(levels)
 
 
-def _check_points_beside(x: Array, z: Array, levels: Levels, feature: Feature) -> None:
+def _refuse_few_points_beside(x: Array, z: Array, levels: Levels, feature: Feature) -> None:
     """Refuse a single step beside which half of the points of a face were left out."""
     # flanks that overlap may cross half of their heights in another order
     positions = [edge.position for edge in levels.edges]

@@ -38,8 +38,8 @@ from stepblocks.inspect.profiles import (
     LEAST_SHARE,
     Crossings,
     keep_profiles_that_agree,
-    list_directions,
-    list_features,
+    list_turned_scans,
+    number_features,
     sample_profiles,
 )
 from stepblocks.scans.scan import HeightMap, ScannedProfile
@@ -77,8 +77,8 @@ class _Asked:
         return self.key.replace("_", " ")
 
     @property
-    def is_free(self) -> bool:
-        """Whether nothing is asked that only an evaluation profile by profile follows."""
+    def allows_whole_map(self) -> bool:
+        """Whether no option requires an evaluation profile by profile."""
         options = self.options
         followed = (options.along, options.begin, options.end, options.degree, options.edges)
         return all(option is None for option in followed)
@@ -134,9 +134,9 @@ def _list_evaluations(
 ) -> list[Callable[[], Evaluation]]:
     """Return the ways in which a scan can be evaluated, in the order in which they are tried."""
     ways: list[Callable[[], Evaluation]] = []
-    for directed in list_directions(scan, asked.options.along):
+    for directed in list_turned_scans(scan, asked.options.along):
         ways.append(partial(_measure_by_rows, directed, asked))
-    if isinstance(scan, HeightMap) and asked.is_free:
+    if isinstance(scan, HeightMap) and asked.allows_whole_map:
         ways.append(partial(measure_masked, scan, asked.instrument, asked.options, asked.key))
         if asked.key == "depth":  # of a standard: a hole is no groove of a block
             ways.append(partial(measure_dots, scan, asked.instrument, asked.options, asked.key))
@@ -150,7 +150,7 @@ def _measure_by_rows(scan: ScannedProfile | HeightMap, asked: _Asked) -> Evaluat
     notes = sampled.notes
     crossings = _find_crossings(rows)
     measure = partial(measure_profile, asked.options)
-    _check_few_agree(crossings.evaluated, measure)
+    _refuse_disagreeing_profiles(crossings.evaluated, measure)
     most_refused = LEAST_SHARE * len(rows) - len(crossings.refusals)
     measurements = _unwrap_profiles(evaluate_each(measure, crossings.evaluated, most_refused))
     kind = _find_usual_kind(measurements.results)
@@ -168,7 +168,7 @@ def _measure_by_rows(scan: ScannedProfile | HeightMap, asked: _Asked) -> Evaluat
             )
         )
     attempts = Attempts(alike, crossings.refusals + measurements.refusals)
-    kept = keep_profiles_that_agree(attempts, _compare_crossings(alike, kind), rows, notes)
+    kept = keep_profiles_that_agree(attempts, _collect_crossings(alike, kind), rows, notes)
     profiles = list_results(kept)
     spans = np.array([profile.spans for profile in profiles])
     is_single_step = not np.isfinite(spans).all()  # steps have neither width nor pitch
@@ -176,9 +176,9 @@ def _measure_by_rows(scan: ScannedProfile | HeightMap, asked: _Asked) -> Evaluat
         _refuse_periodic_map(scan)
     features = _average_each_feature(profiles, kind.features, asked)
     if not is_single_step:
-        _check_side(profiles, asked)
+        _refuse_wrong_side(profiles, asked)
     average = partial(_average_features, asked.label, features, asked.instrument)
-    values = list_features(asked.key, features, average, notes)
+    values = number_features(asked.key, features, average, notes)
     if not is_single_step and kind.features == 1:
         spacing = kept[0].item.spacing
         name = "feature_width"
@@ -206,10 +206,10 @@ def _find_crossings(rows: list[ScannedProfile]) -> Attempts[ScannedProfile, list
     return crossings
 
 
-def _check_few_agree(
+def _refuse_disagreeing_profiles(
     crossings: list[Crossing], measure: Callable[[Crossing], MeasuredProfile]
 ) -> None:
-    """Refuse many profiles of which no two of a few agree, before all are measured."""
+    """Refuse many profiles where no two of a few agree, before all are measured."""
     few = crossings[:: max(len(crossings) // _TRIED, 1)]
     measured = evaluate_each(measure, few).results
     kinds = [profile.kind for profile in measured]
@@ -250,8 +250,8 @@ def _select_usual_features(measurements: list[Measurement], kind: ProfileKind) -
     return selected
 
 
-def _compare_crossings(measurements: list[Measurement], kind: ProfileKind) -> Crossings:
-    """Return the heights and places of the features of profiles of a kind."""
+def _collect_crossings(measurements: list[Measurement], kind: ProfileKind) -> Crossings:
+    """Collect the heights and places of the features of profiles of a kind."""
     profiles = list_results(measurements)
     shape = (len(profiles), kind.features)
     spans = np.array([profile.spans for profile in profiles]).reshape(*shape, 2)
@@ -314,12 +314,12 @@ def _estimate_form(profiles: list[MeasuredProfile], index: int) -> float:
 
 
 def _find_side(profiles: list[MeasuredProfile]) -> float:
-    """Return -1 where most profiles show a groove first, 1 where they show a ridge."""
+    """Return -1 where most profiles show a groove first, 1 where they show a ridge first."""
     return float(np.median(np.sign([profile.heights[0] for profile in profiles])))
 
 
-def _check_side(profiles: list[MeasuredProfile], asked: _Asked) -> None:
-    """Refuse a ridge where a groove is asked for, and a groove for a ridge."""
+def _refuse_wrong_side(profiles: list[MeasuredProfile], asked: _Asked) -> None:
+    """Refuse a ridge where a groove is required, and a groove where a ridge is."""
     if not asked.sign or _find_side(profiles) == asked.sign:
         return
     wanted, seen = "ridge", "groove"

@@ -57,7 +57,7 @@ class DeclaredLayout:
         return replace(self, walls=walls, relief=None)
 
     def find_wall(self, place: float, rise: float) -> int | None:
-        """Return the index of the wall that lies about a place and rises or falls so; else None."""
+        """Return the index of the wall about a place that rises or falls so; None without one."""
         for index, wall in enumerate(self.walls):
             slack = max(_LEAST_SLACK, _SLACK * abs(wall.place))
             if abs(place - wall.place) <= slack and rise * wall.rise > 0.0:

@@ -24,8 +24,8 @@ _STARTS = 5  # of a fit, each nearer to the least sum of distances
 _MOST_FITS = 5  # of a fit, each without the spikes of the one before
 
 
-def check_profile(x: Array, z: Array, least: int) -> None:
-    """Refuse what is no profile with `least` measured points, in equal steps."""
+def refuse_unusable_profile(x: Array, z: Array, least: int) -> None:
+    """Refuse a profile with fewer than `least` measured points, or without equal steps."""
     count = int(np.isfinite(z).sum())
     if count < least:
         raise MetrologyError(f"profile must have at least {least} measured points, got {count}")
@@ -34,8 +34,8 @@ def check_profile(x: Array, z: Array, least: int) -> None:
         raise MetrologyError("positions of the profile must increase in equal steps within 1 %")
 
 
-def remove_spikes(heights: Array) -> Array:
-    """Return the known heights as their running median over five points, which keeps edges."""
+def filter_by_running_median(heights: Array) -> Array:
+    """Return heights as their running median over five points, which keeps edges; NaN stays."""
     calm = np.array(heights, dtype=np.float64)
     known = np.isfinite(heights)
     calm[known] = median_filter(calm[known], size=5, mode="nearest")
@@ -119,7 +119,7 @@ class TwoPlanes:
 
 
 def fit_two_planes(x: Array, z: Array, middle: float, used: Mask) -> TwoPlanes:
-    """Fit ``z = a (x - middle) + b + h s(x)``, s = 0 before and 1 behind the middle, no spikes.
+    """Fit ``z = a (x - middle) + b + h s(x)``, s = 0 before and 1 after the middle, without spikes.
 
     ISO 5436-1 leaves a single edge to convention; this is the two-plane one, which has no feature
     to level through.

@@ -77,13 +77,13 @@ def level_rows(z: Array, reference: Mask) -> Array:
     level = z
     if reference.any():
         level = z - float(np.median(z[reference]))
-    lines = find_lines(reference)
+    lines = build_row_lines(reference)
     known = np.where(reference, level, 0.0)
     return np.asarray(level - sum_lines(lines, reference * lines, known))
 
 
-def find_lines(reference: Mask) -> Array:
-    """Return a constant and a slope of each row, shape (2, ny, nx), orthonormal over its reference.
+def build_row_lines(reference: Mask) -> Array:
+    """Build a constant and a slope for each row, shape (2, ny, nx), orthonormal over its reference.
 
     They are zero where a row has too little of it.
     """
@@ -104,8 +104,8 @@ def sum_lines(lines: Array, weights: Array, heights: Array) -> Array:
     return np.asarray((lines * factors).sum(axis=0))
 
 
-def find_nearest(known: Mask) -> tuple[NDArray[np.intp], ...]:
-    """Return the indices of the nearest point of a mask to each point of a map."""
+def find_nearest_known(known: Mask) -> tuple[NDArray[np.intp], ...]:
+    """Return the indices of the nearest known point to each point of a map."""
     return tuple(
         ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
     )

@@ -10,9 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.levelling import LEAST_FACE, check_profile, fit_two_planes, remove_spikes
+from stepblocks.inspect.levelling import (
+    LEAST_FACE,
+    filter_by_running_median,
+    fit_two_planes,
+    refuse_unusable_profile,
+)
 from stepblocks.inspect.noise import Array, Estimate, Mask
-from stepblocks.inspect.waviness import estimate_height
+from stepblocks.inspect.waviness import estimate_height_beside_waves
 
 _LEAST_MARGIN = 3  # points beside a gap that belong to no shoulder
 _LEAST_DEPTH_OVER_RISE = 0.2  # of a gap below the lower shoulder, over the rise between them [1]
@@ -75,7 +80,7 @@ def fit_margin(x: Array, z: Array) -> Margin:
     MetrologyError
         If the profile shows no gap between two shoulders of twenty points.
     """
-    check_profile(x, z, 3 * LEAST_FACE)
+    refuse_unusable_profile(x, z, 3 * LEAST_FACE)
     gap = _find_gap(x, z)
     shoulders = _mark_shoulders(z, gap)
     middle = 0.5 * float(x[gap.begin] + x[gap.end - 1])
@@ -91,7 +96,7 @@ def fit_margin(x: Array, z: Array) -> Margin:
     return Margin(
         opening=Estimate(right.position - left.position, float(noise), planes.height.dof),
         sampling=spacing * float(np.hypot(left.unresolved, right.unresolved)) / np.sqrt(12.0),
-        rise=estimate_height(x, z, middle, planes),
+        rise=estimate_height_beside_waves(x, z, middle, planes),
     )
 
 
@@ -116,7 +121,7 @@ def _find_gap(x: Array, z: Array) -> _Gap:
     z_known = z[known]
     lag = max(len(z_known) // 50, 1)
     slopes = (z_known[lag:] - z_known[:-lag]) / (x_known[lag:] - x_known[:-lag])
-    level = remove_spikes(z - float(np.median(slopes)) * x)
+    level = filter_by_running_median(z - float(np.median(slopes)) * x)
     quarter = len(z) // 4
     left = float(np.nanmedian(level[:quarter]))
     right = float(np.nanmedian(level[-quarter:]))

@@ -16,9 +16,9 @@ from stepblocks.inspect.evaluation import Evaluation, EvaluationOptions, Shown
 from stepblocks.inspect.map_levels import (
     LEAST_REFERENCE,
     TURNS,
+    build_row_lines,
     find_bulk,
-    find_lines,
-    find_nearest,
+    find_nearest_known,
     level_map,
     level_rows,
     sum_lines,
@@ -132,7 +132,7 @@ def measure_masked_step(
     pitch = min(scan.dx, scan.dy)
     if inside is None:
         # a missing point lies where its nearest neighbour does
-        inside = _find_features(scan)[find_nearest(measured)]
+        inside = _find_features(scan)[find_nearest_known(measured)]
     distances = _measure_edge_distances(inside, scan)
     if exclusion is None:
         level = level_map(z, (distances.outside > _CLEAR * pitch) & measured, 1)
@@ -155,8 +155,8 @@ def measure_masked_step(
         )
     depth = float(np.sum(rows.shares[known] * rows.depths[known]))
     near = max(_CLEAR * pitch, _SUDDEN_WIDTH * float(distances.within.max()))
-    change = _measure_change(levelled.heights, measured, distances, near, pitch)
-    _check_change(change, depth, near, scan.source)
+    change = _measure_change_at_edges(levelled.heights, measured, distances, near, pitch)
+    _refuse_gradual_change(change, depth, near, scan.source)
     labels, _ = ndimage.label(inside)
     numbers = labels[floor]
     sums = np.bincount(numbers, levelled.heights[floor])
@@ -206,7 +206,7 @@ def _level_on_reference(z: Array, reference: Mask, source: str) -> _LevelledMap:
     return _LevelledMap(heights, reference)
 
 
-def _measure_change(
+def _measure_change_at_edges(
     level: Array, measured: Mask, distances: _EdgeDistances, near: float, pitch: float
 ) -> float | None:
     """Return by how much heights change at the edges of the features [m].
@@ -221,7 +221,7 @@ def _measure_change(
     return float(np.median(outer) - np.median(inner))
 
 
-def _check_change(change: float | None, depth: float, near: float, source: str) -> None:
+def _refuse_gradual_change(change: float | None, depth: float, near: float, source: str) -> None:
     """Refuse features whose heights do not change suddenly at their edges [all m]."""
     if change is None:
         raise MetrologyError(
@@ -354,7 +354,7 @@ def _fit_row_depths(z: Array, floor: Mask, reference: Mask) -> _RowDepths:
     floor_points = floor.sum(axis=1)
     enough = (floor_points >= _LEAST_FLOOR) & (reference.sum(axis=1) >= LEAST_REFERENCE)
     used = (floor | reference) & enough[:, np.newaxis]
-    lines = find_lines(used)
+    lines = build_row_lines(used)
     # what a line does not explain of the floor, by which the depth alone goes
     weights = used * (floor - sum_lines(lines, used * lines, floor.astype(float)))
     scale = np.where(enough, (weights * floor).sum(axis=1), np.nan)
@@ -397,12 +397,13 @@ def measure_masked(
 
 
 def _estimate_form(scan: HeightMap, step: MaskedStep) -> float:
-    """Return the change of a depth with another exclusion, as a rectangle [m]; nan of none.
+    """Return the change of a depth with another exclusion, as a rectangle [m]; NaN without one.
 
     Where a floor is too narrow for more to be kept out, it is compared with more of its flanks.
     """
 
     def measure_again(exclusion: float) -> MaskedStep:
+        """Measure the map again with an exclusion [m]."""
         return measure_masked_step(scan, exclusion, step.inside)
 
     again = evaluate_if_possible(measure_again, _WIDER * step.exclusion)

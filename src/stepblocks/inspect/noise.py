@@ -73,8 +73,8 @@ class Refit:
     fewer: Estimate
 
 
-def compute_change(refits: Sequence[Refit], allowed: float) -> float:
-    """Compute the standard uncertainty by what a mean changes between two fits, a rectangle.
+def estimate_refit_std(refits: Sequence[Refit], allowed: float) -> float:
+    """Estimate a standard uncertainty from how much a mean changes by a refit, a rectangle.
 
     Only the change beyond `allowed` times what noise alone changes counts.
     """
@@ -99,7 +99,7 @@ def estimate_robust_scale(residuals: Array) -> float:
 
 
 def find_outliers(residuals: Array, used: Mask) -> Mask:
-    """Return true for spikes.
+    """Find the points that are spikes.
 
     Residuals [m] beyond five robust deviations from the median of those used; none without scatter.
     """
@@ -183,7 +183,7 @@ def factor_covariance(covariance: Array) -> Array:
 def estimate_linear(
     value: float, weights: Array, residuals: Array, used: Mask, design: Array
 ) -> Estimate:
-    """State the uncertainty of `value`, which is ``sum(weights * z)``.
+    """Return `value`, which is ``sum(weights * z)``, with its standard uncertainty.
 
     Parameters
     ----------
@@ -225,7 +225,7 @@ def estimate_linear(
     form = grid.transform(quadratic).real
     traces = _compute_traces(grid, spectrum, form, pairs, inside, design)
     true_variance = float(np.sum(correlation * grid.transform_back(spectrum)))
-    restored = _compute_restored(true_variance, traces.after_fit)
+    restored = _compute_restoring_factor(true_variance, traces.after_fit)
     dof = _compute_dof(grid, form * spectrum, count, traces)
     return Estimate(value, float(np.sqrt(variance * restored)), dof)
 
@@ -241,8 +241,8 @@ def _lift_autocovariance(noise: "_NoiseByLag", share: float) -> Array:
     return np.asarray(noise.gamma + share * power / left)
 
 
-def _compute_restored(true: float, seen: float) -> float:
-    """Return the factor by which a variance is raised for what the fit swallowed [1]."""
+def _compute_restoring_factor(true: float, seen: float) -> float:
+    """Return the factor that restores what the fit removed of a variance [1]."""
     if seen > 0.0:
         return min(max(true / seen, 1.0), _MOST_RESTORED)
     return _MOST_RESTORED
@@ -270,7 +270,7 @@ def _list_lags(size: int) -> NDArray[np.int_]:
 
 
 def estimate_std_of_row_sums(weights: Iterable[Array], residuals: Array, used: Mask) -> Array:
-    """State the standard uncertainties of sums ``w . z`` over a map levelled row by row.
+    """Estimate the standard uncertainties of sums ``w . z`` over a map levelled row by row.
 
     Each of `weights` covers as many whole rows as it has, and holds what their lines take away.
     """

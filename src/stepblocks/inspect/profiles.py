@@ -61,7 +61,7 @@ def sample_profiles(
 
 
 def _crop_profiles(rows: list[ScannedProfile], options: EvaluationOptions) -> list[ScannedProfile]:
-    """Return the part of the profiles that is asked for, of those that were measured there."""
+    """Crop profiles to the range of the options; those without a measured point are left out."""
     x = rows[0].position
     begin = x[0] if options.begin is None else options.begin
     end = x[-1] if options.end is None else options.end
@@ -160,7 +160,7 @@ def keep_profiles_that_agree(
             f"{disagreeing} of {len(rows)} that do not "
             f"({1.0 - LEAST_SHARE:.0%} allowed), the first {reason}"
         )
-    notes += _describe_left_out(kept, rows, reason)
+    notes += _note_left_out(kept, rows, reason)
     return kept
 
 
@@ -173,10 +173,10 @@ def _select_alike(
     return list(compress(evaluated, crossings.alike))
 
 
-def _describe_left_out(
+def _note_left_out(
     kept: list[Evaluated[ScannedProfile, Result]], rows: list[ScannedProfile], reason: str
 ) -> list[Note]:
-    """Say how many profiles were refused between those that were kept, and how many beyond them."""
+    """Note how many profiles were refused between those that were kept, and beyond them."""
     kept_rows = {id(success.item) for success in kept}
     numbers = [number for number, row in enumerate(rows) if id(row) in kept_rows]
     between = numbers[-1] - numbers[0] + 1
@@ -194,10 +194,10 @@ def _describe_left_out(
     return notes
 
 
-def list_directions(
+def list_turned_scans(
     scan: ScannedProfile | HeightMap, along: Literal["x", "y"] | None
 ) -> list[ScannedProfile | HeightMap]:
-    """Return a scan so that its profiles run along x, along y, or either where none is asked."""
+    """List a scan so that its profiles run along x, along y, or both where neither is stated."""
     if isinstance(scan, ScannedProfile):
         return [scan]
     directions: list[ScannedProfile | HeightMap] = []
@@ -209,10 +209,10 @@ def list_directions(
     return directions
 
 
-def list_features(
+def number_features(
     key: str, features: Sequence[Measured], average: Callable[[], Measured], notes: list[Note]
 ) -> dict[str, Measured]:
-    """Return features by their numbers, with their mean where they are alike; one by its key.
+    """Return features under numbered keys, with their mean where alike; a single one under `key`.
 
     `notes` takes what is said of unlike features.
     """

@@ -74,8 +74,8 @@ def _describe_limits(judgement: Judgement) -> _DecisionFields:
         "key": characteristic.key,
         "label": characteristic.label,
         "nominal": characteristic.nominal,
-        "lower_limit": _drop_infinite(decision.lower),
-        "upper_limit": _drop_infinite(decision.upper),
+        "lower_limit": _replace_infinite_by_none(decision.lower),
+        "upper_limit": _replace_infinite_by_none(decision.upper),
         "guard_band": decision.guard,
         "conformance_probability": decision.probability,
         "verdict": decision.verdict.value,
@@ -88,7 +88,7 @@ def _describe_measured(measured: Measured) -> _MeasuredFields:
     return {
         "value": measured.value,
         "std": measured.std,
-        "dof": _drop_infinite(measured.dof),
+        "dof": _replace_infinite_by_none(measured.dof),
         "coverage_factor": measured.coverage_factor,
         "interval_95": [measured.value - half, measured.value + half],
         "bound": measured.bound.value,
@@ -120,13 +120,13 @@ def _describe_component(part: Component) -> _ComponentFields:
     """Return the fields of a component."""
     return {
         "name": part.name,
-        "std": _drop_infinite(part.std),
-        "dof": _drop_infinite(part.dof),
+        "std": _replace_infinite_by_none(part.std),
+        "dof": _replace_infinite_by_none(part.dof),
         "how": part.how,
         "assumed": part.assumed,
     }
 
 
-def _drop_infinite(value: float) -> float | None:
-    """Return a finite number as it is, and None in place of any other."""
+def _replace_infinite_by_none(value: float) -> float | None:
+    """Return a number as it is where it is finite, else None."""
     return value if math.isfinite(value) else None

@@ -69,7 +69,7 @@ def read_results_of_others(
     for serial in dict.fromkeys(serials):
         if serial:
             notes.append(NoteKind.SERIAL_NUMBER.describe(serial=serial))
-    values = {key: _describe_result(key, result) for key, result in matched.items()}
+    values = {key: _convert_result(key, result) for key, result in matched.items()}
     return Evaluation(values, f"{origin}, {path.name}", tuple(notes))
 
 
@@ -84,8 +84,8 @@ def _list_names(results: list[QifResult]) -> list[str]:
     return list(dict.fromkeys(names))
 
 
-def _describe_result(key: str, result: QifResult) -> Measured:
-    """Return a result with the uncertainty that its file states."""
+def _convert_result(key: str, result: QifResult) -> Measured:
+    """Convert a result of QIF to a value with the uncertainty that its file states."""
     is_stated = not math.isnan(result.std)
     how = "combined standard uncertainty" if is_stated else f"{UNSTATED} in the file"
     stated = Component(Source.AS_STATED, result.std, how=how, decisive=True, assumed=not is_stated)

@@ -17,7 +17,7 @@ from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.files.text import escape_file_name
 from stepblocks.inspect.budget import Instrument
 from stepblocks.inspect.conformity import Outcome, combine_verdicts, judge_conformity
-from stepblocks.inspect.doubts import describe_doubts, refuse_long_scan, refuse_wrong_unit
+from stepblocks.inspect.doubts import note_other_parts_of_size, refuse_long_scan, refuse_wrong_unit
 from stepblocks.inspect.evaluation import AS_FOUND, Evaluation, EvaluationOptions
 from stepblocks.inspect.feature import (
     EVALUATIONS,
@@ -194,6 +194,7 @@ def _evaluate_part(
         return evaluate_scan(main.key, scan, instrument, main, options, _OF_ONE_STEP)
 
     def evaluate(layout: DeclaredLayout) -> Evaluation:
+        """Evaluate the edge of a layout."""
         at_edge = replace(options, layout=layout)
         return evaluate_scan(main.key, scan, instrument, main, at_edge, ())
 
@@ -201,7 +202,7 @@ def _evaluate_part(
 
 
 def _refuse_feature_of_other_parts(asked: _AskedPart, scanned: ScannedFeature) -> None:
-    """Refuse a feature that a part has not: a second edge, or a groove beside one."""
+    """Refuse a feature that a part does not have: a second edge, or a groove beside one."""
     features: Collection[ScannedFeature] = _OF_ONE_STEP
     whose = "a part with one working edge"
     if find_second_step(asked.part) is not None:
@@ -280,7 +281,7 @@ def _add_notes_on_reading(
         if characteristic.key in EVALUATIONS and characteristic.key in evaluation.values:
             value = evaluation.values[characteristic.key].value
             refuse_wrong_unit(characteristic, value, scale, place)
-            doubts += describe_doubts(characteristic, value, asked.beside)
+            doubts += note_other_parts_of_size(characteristic, value, asked.beside)
     if scale:
         notes.append(NoteKind.HEIGHTS_READ_AS.describe(scale=scale))
     return replace(evaluation, notes=(*doubts, *notes))

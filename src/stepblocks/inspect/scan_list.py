@@ -17,8 +17,8 @@ _NO_CONDITIONS = (SCAN, PART, BLOCK, FEATURE)  # columns that are no condition
 _TABLE_NAME = "scans.csv"  # of a table in a folder
 
 
-def is_table(paths: Sequence[Path]) -> bool:
-    """Say whether what is given is one table that names scans."""
+def is_one_scan_table(paths: Sequence[Path]) -> bool:
+    """Tell whether the paths are a single table that names scans."""
     return len(paths) == 1 and SCAN in read_names(paths[0])
 
 
@@ -55,7 +55,7 @@ def list_scans(
 
     if len(paths) == 1 and paths[0].is_dir():
         paths = _list_folder(paths[0])
-    if is_table(paths):
+    if is_one_scan_table(paths):
         scans = _read_scan_table(paths[0], layout)
     else:
         scans = pd.DataFrame({SCAN: list(paths)})

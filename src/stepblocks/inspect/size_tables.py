@@ -33,7 +33,7 @@ def split_sizes_by_unit(table: Table) -> Table:
 
 
 def format_rows(table: Table) -> list[Mapping[str, object]]:
-    """Return the rows of a table of `state_units` as text, each with the sizes of its unit."""
+    """Return the rows of a table of `split_sizes_by_unit` as text, each in its unit."""
     return list(map(_format_row, list_rows(table)))
 
 

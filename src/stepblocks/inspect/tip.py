@@ -75,7 +75,7 @@ class _Cloud:
 
 
 @dataclass(frozen=True)
-class _Step:
+class _Correction:
     """One step of the fit of a sphere to heights."""
 
     design: Array  # shape (k, ny, nx); change of the heights by the terms [1]
@@ -109,7 +109,7 @@ def fit_cap(scan: ScannedProfile | HeightMap, nominal: float, reach: float = _CA
     face, sphere = _find_cap(cloud, nominal, reach)
     used = face.copy()
     for left in reversed(range(_MOST_STEPS)):
-        step = _fit_step(cloud, sphere, used, reach * nominal, nominal)
+        step = _fit_correction(cloud, sphere, used, reach * nominal, nominal)
         change = _move_sphere(sphere, step.solution, cloud.is_profile)
         # after the fit, since the start knows no form, and form is no spike
         spikes = find_outliers(step.residuals, used)
@@ -195,8 +195,10 @@ def _fit_algebraic(points: Array, unit: float, is_profile: bool) -> _Sphere:
     return _Sphere(x, y, z, np.sqrt(radius_squared) * unit)
 
 
-def _fit_step(cloud: _Cloud, sphere: _Sphere, used: Mask, reach: float, nominal: float) -> _Step:
-    """Fit the change of a sphere, and forms that leave its curvature alone, to heights.
+def _fit_correction(
+    cloud: _Cloud, sphere: _Sphere, used: Mask, reach: float, nominal: float
+) -> _Correction:
+    """Fit the correction of a sphere, and forms that do not change its curvature, to heights.
 
     `reach` is that of the cap [m].
     """
@@ -221,11 +223,11 @@ def _fit_step(cloud: _Cloud, sphere: _Sphere, used: Mask, reach: float, nominal:
     weights = np.linalg.pinv(design[:, used].T)
     solution = weights @ residuals[used]
     residuals -= np.tensordot(solution, design, 1)
-    return _Step(design, weights, solution, residuals)
+    return _Correction(design, weights, solution, residuals)
 
 
 def _move_sphere(sphere: _Sphere, solution: Array, is_profile: bool) -> float:
-    """Move a sphere by the solution of a step; return the largest change [m]."""
+    """Move a sphere in place by the solution of a correction; return the largest change [m]."""
     sphere.x += solution[0]
     sphere.z += solution[1]
     sphere.radius += solution[2]

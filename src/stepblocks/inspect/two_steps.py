@@ -88,12 +88,12 @@ def evaluate_two_steps(
     if wanted is WantedEdges.SECOND:
         return second
     first = evaluate(steps.make_first_layout(may_be_alone=may_be_alone))
-    return _combine(first, second, steps.second)
+    return _combine_edges(first, second, steps.second)
 
 
 def _rename_to_second(evaluation: Evaluation, second: SecondStep) -> Evaluation:
     """Return the evaluation of a second edge under the keys of its characteristics."""
-    values = _rename(evaluation.values, second)
+    values = _rename_keys(evaluation.values, second)
     named = {}
     for key, measured in values.items():
         named[key] = replace(measured, name=f"second {measured.name}")
@@ -102,7 +102,7 @@ def _rename_to_second(evaluation: Evaluation, second: SecondStep) -> Evaluation:
         missing[SECOND + key] = reason
     missing[f"{SECOND}parallelism"] = NotMeasuredReason.PARALLEL_OVER_TWO_STEPS.describe()
     notes = tuple(note.prefix_source(_NAMES[1]) for note in evaluation.notes)
-    covered = _rename(evaluation.covered, second)
+    covered = _rename_keys(evaluation.covered, second)
     # a record keeps the surface of the first edge alone
     return replace(
         evaluation,
@@ -115,8 +115,8 @@ def _rename_to_second(evaluation: Evaluation, second: SecondStep) -> Evaluation:
     )
 
 
-def _rename(by_key: Mapping[str, _Value], second: SecondStep) -> dict[str, _Value]:
-    """Return what is known by the keys of a first edge by those of the second.
+def _rename_keys(by_key: Mapping[str, _Value], second: SecondStep) -> dict[str, _Value]:
+    """Return values by the keys of the second edge instead of those of the first.
 
     Of its faces only the one behind it is its own.
     """
@@ -130,8 +130,8 @@ def _rename(by_key: Mapping[str, _Value], second: SecondStep) -> dict[str, _Valu
     return renamed
 
 
-def _combine(first: Evaluation, second: Evaluation, declared: SecondStep) -> Evaluation:
-    """Return one evaluation of both edges."""
+def _combine_edges(first: Evaluation, second: Evaluation, declared: SecondStep) -> Evaluation:
+    """Combine the evaluations of both edges."""
     notes = [note.prefix_source(_NAMES[0]) for note in first.notes]
     shown = first.shown
     if shown is not None and second.shown is not None:
@@ -177,16 +177,16 @@ def _join_shown(first: Shown, second: Shown, offset: float) -> Shown:
         position=position,
         height=height,
         windows=(*left.windows, *right.windows),
-        fitted=_join(left.fitted, right.fitted, before, behind),
-        dropped=_join(left.dropped, right.dropped, before, behind),
+        fitted=_join_arrays(left.fitted, right.fitted, before, behind),
+        dropped=_join_arrays(left.dropped, right.dropped, before, behind),
         marks=tuple(marks),
     )
 
 
-def _join(
+def _join_arrays(
     left: NDArray[_Scalar] | None, right: NDArray[_Scalar] | None, before: Mask, behind: Mask
 ) -> NDArray[_Scalar] | None:
-    """Join what is known of two profiles at chosen points; None where one of them lacks it."""
+    """Join chosen points of two profiles; None where one of them has no such array."""
     if left is None or right is None:
         return None
     return np.concatenate([left[before], right[behind]])

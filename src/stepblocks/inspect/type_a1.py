@@ -132,9 +132,9 @@ def evaluate_a1(x: Array, z: Array, edges: Span | tuple[float, float]) -> TypeA1
     points = _WindowPoints(
         x,
         z,
-        _find_points(x, z, windows.a),
-        _find_points(x, z, windows.c),
-        _find_points(x, z, windows.b),
+        _find_window_points(x, z, windows.a),
+        _find_window_points(x, z, windows.c),
+        _find_window_points(x, z, windows.b),
         feature,
     )
     for name, mask in points.named.items():
@@ -171,7 +171,7 @@ def _place_windows(x: Array, edges: Span) -> A1Windows:
     return windows
 
 
-def _find_points(x: Array, z: Array, window: Span) -> Mask:
+def _find_window_points(x: Array, z: Array, window: Span) -> Mask:
     """Return the measured points of a window."""
     return np.asarray((x >= window.begin) & (x <= window.end) & np.isfinite(z))
 

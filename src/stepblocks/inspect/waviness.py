@@ -56,7 +56,7 @@ class _Faces:
         return float(residuals @ residuals)
 
 
-def estimate_height(x: Array, z: Array, middle: float, planes: TwoPlanes) -> Estimate:
+def estimate_height_beside_waves(x: Array, z: Array, middle: float, planes: TwoPlanes) -> Estimate:
     """Estimate the height of a step beside waves of a period, where the faces have some.
 
     Parameters
@@ -80,14 +80,14 @@ def estimate_height(x: Array, z: Array, middle: float, planes: TwoPlanes) -> Est
 
 
 def _fit_waves(x: Array, z: Array, middle: float, fit: Fit) -> Fit:
-    """Fit waves of a period beside the columns of a fit of two planes; see `estimate_height`.
+    """Fit waves of a period beside two planes; see `estimate_height_beside_waves`.
 
     The first columns of the result are those of `fit`; it is `fit` itself where no wave holds most
     of the residuals.
     """
     faces = _Faces(x, np.where(fit.used, z, 0.0), x > middle, fit.used)
     for _ in range(_MOST_WAVES):
-        frequency = _find_frequency(faces, fit)
+        frequency = _find_wave_frequency(faces, fit)
         if frequency is None:
             return fit
         design = np.concatenate([fit.design, faces.list_waves(frequency)])
@@ -95,8 +95,8 @@ def _fit_waves(x: Array, z: Array, middle: float, fit: Fit) -> Fit:
     return fit
 
 
-def _find_frequency(faces: _Faces, fit: Fit) -> float | None:
-    """Find the frequency [1/m] of a wave that holds most of the residuals of a fit, if any does."""
+def _find_wave_frequency(faces: _Faces, fit: Fit) -> float | None:
+    """Find the frequency of a wave that holds most residuals of a fit [1/m]; None without one."""
     from scipy.optimize import minimize_scalar
 
     residuals = np.where(fit.used, fit.residuals, 0.0)
@@ -120,6 +120,7 @@ def _find_frequency(faces: _Faces, fit: Fit) -> float | None:
     step = float(frequencies[1])
 
     def compute_misfit(frequency: float) -> float:
+        """Return the sum of squares that waves of a frequency [1/m] leave [m^2]."""
         return faces.sum_squares(np.concatenate([fit.design, faces.list_waves(frequency)]))
 
     # a peak is as wide as the profile is long

@@ -81,7 +81,7 @@ def find_working_stretch(rows: Sequence[ScannedProfile], layout: DeclaredLayout)
     found = evaluate_each(lambda row: _find_edges_of_row(row, layout), chosen).results
     several = [edges for edges in found if len(edges.edges) > 1]
     if not several and not layout.may_be_alone:
-        raise _describe_missing_edge(found, layout)
+        raise _make_missing_edge_error(found, layout)
     if not several:
         return None
     decided: list[tuple[_EdgesOfRow, int]] = []
@@ -90,7 +90,7 @@ def find_working_stretch(rows: Sequence[ScannedProfile], layout: DeclaredLayout)
         if index is not None:
             decided.append((edges, index))
     if not decided:
-        raise _describe_doubt(several[0], layout)
+        raise _make_ambiguity_error(several[0], layout)
     return _find_common_stretch(several, decided)
 
 
@@ -208,8 +208,8 @@ def _lacks_wall(
     return False
 
 
-def _describe_doubt(edges: _EdgesOfRow, layout: DeclaredLayout) -> MetrologyError:
-    """Say why no edge can be taken for the working edge."""
+def _make_ambiguity_error(edges: _EdgesOfRow, layout: DeclaredLayout) -> MetrologyError:
+    """Make the error of a profile whose working edge cannot be told."""
     upside_down = layout.invert()
     best = max(_fit_layouts(edges, upside_down))
     fits_upside_down = best.is_possible and best.explained == len(layout.walls) > 0
@@ -233,8 +233,10 @@ def _describe_doubt(edges: _EdgesOfRow, layout: DeclaredLayout) -> MetrologyErro
     )
 
 
-def _describe_missing_edge(found: Sequence[_EdgesOfRow], layout: DeclaredLayout) -> MetrologyError:
-    """Say that a scan shows one edge where the part has several."""
+def _make_missing_edge_error(
+    found: Sequence[_EdgesOfRow], layout: DeclaredLayout
+) -> MetrologyError:
+    """Make the error of a scan that shows one edge where the part has several."""
     shown = ""
     if found:
         shown = found[0].describe()

@@ -16,7 +16,13 @@ from stepblocks.inspect.budget import (
     add_instrument_components,
     average_profiles,
 )
-from stepblocks.inspect.edge import Edge, LevelledPoints, find_largest_edge, fit_edge, fit_step
+from stepblocks.inspect.edge import (
+    Edge,
+    LevelledPoints,
+    find_largest_edge,
+    fit_edge,
+    fit_step_height,
+)
 from stepblocks.inspect.edge_arc import RESOLVED, compute_edge_profile
 from stepblocks.inspect.evaluation import (
     AS_FOUND,
@@ -28,13 +34,13 @@ from stepblocks.inspect.evaluation import (
 from stepblocks.inspect.features import PAIR, Feature, measure_features
 from stepblocks.inspect.found_edges import find_edges
 from stepblocks.inspect.levelling import LEAST_FACE
-from stepblocks.inspect.noise import Array, Estimate, Refit, compute_change
+from stepblocks.inspect.noise import Array, Estimate, Refit, estimate_refit_std
 from stepblocks.inspect.notes import Note, NoteKind, NotMeasuredReason
 from stepblocks.inspect.profiles import (
     LEAST_SHARE,
     Crossings,
     keep_profiles_that_agree,
-    list_directions,
+    list_turned_scans,
     sample_profiles,
 )
 from stepblocks.inspect.working_edge.burr import ZONE, Burr, find_burr
@@ -117,7 +123,7 @@ def measure_edge(
         If the profiles show no edge, do not agree on it, or it is the wall of a notch or ridge.
     """
     refusals = []
-    for directed in list_directions(scan, options.along):
+    for directed in list_turned_scans(scan, options.along):
         try:
             return _measure_along_rows(directed, instrument, options)
         except MetrologyError as error:
@@ -175,7 +181,7 @@ def _measure_along_rows(
     if burr is None:
         missing["burr"] = NotMeasuredReason.UPPER_FACE_TOO_SHORT.describe()
     else:
-        values["burr"] = _describe_burr(burr, instrument, notes)
+        values["burr"] = _add_burr_budget(burr, instrument, notes)
     if _has_valley_at_foot(points, crossed, burr):
         for key in _OF_THE_UPPER_CORNER:
             values.pop(key, None)
@@ -267,13 +273,15 @@ def _fit_edges(turned: _TurnedProfiles, options: EvaluationOptions) -> CrossedEd
         turned.rows,
         LEAST_SHARE * len(turned.rows),
     )
-    kept = keep_profiles_that_agree(attempts, _compare_edges(attempts), turned.rows, turned.notes)
+    kept = keep_profiles_that_agree(
+        attempts, _collect_crossings(attempts), turned.rows, turned.notes
+    )
     crossings = tuple(CrossedEdge(success.item, success.result) for success in kept)
     return CrossedEdges(crossings, isinstance(turned.scan, HeightMap))
 
 
-def _compare_edges(attempts: Attempts[ScannedProfile, Edge]) -> Crossings:
-    """Return heights and places of the edges of profiles; a place may be off by the exclusion."""
+def _collect_crossings(attempts: Attempts[ScannedProfile, Edge]) -> Crossings:
+    """Collect heights and places of the edges of profiles; a place may be off by the exclusion."""
     heights, places, slack = [], [], []
     for edge in attempts.results:
         heights.append(edge.height.value)
@@ -303,13 +311,13 @@ def _estimate_form(crossed: CrossedEdges) -> float:
     refits = []
     for success in evaluate_each(_fit_wider_step, crossed.take_evenly(_MOST_REFITTED)).evaluated:
         refits.append(Refit(success.item.edge.height, success.result))
-    return compute_change(refits, 1.0)
+    return estimate_refit_std(refits, 1.0)
 
 
 def _fit_wider_step(crossing: CrossedEdge) -> Estimate:
     """Return the height of a step with twice the exclusion [m]."""
     row = crossing.row
-    return fit_step(row.position, row.height, _WIDER * crossing.edge.exclusion)
+    return fit_step_height(row.position, row.height, _WIDER * crossing.edge.exclusion)
 
 
 def _extend_by_level_faces(crossing: CrossedEdge) -> ScannedProfile:
@@ -341,6 +349,7 @@ def _find_other_features(crossing: CrossedEdge) -> _OtherFeatures:
     residuals = np.where(beside, without_step, np.nan)
 
     def measure(position: Array) -> Sequence[Feature]:
+        """Measure the features of the heights without the step."""
         edges = find_edges(position, residuals)
         return measure_features(position, residuals, edges, None, None).features
 
@@ -447,8 +456,8 @@ def _has_valley_at_foot(points: LevelledPoints, crossed: CrossedEdges, burr: Bur
     return surely > _VALLEY + _DEEPER * standing
 
 
-def _describe_burr(burr: Burr, instrument: Instrument, notes: list[Note]) -> Measured:
-    """Return the height of a burr with its budget; `notes` takes what is said of spikes."""
+def _add_burr_budget(burr: Burr, instrument: Instrument, notes: list[Note]) -> Measured:
+    """Add its budget to the height of a burr; appends to `notes` what is said of spikes."""
     if burr.spikes:
         kind = NoteKind.SPIKE_AT_EDGE
         if burr.spikes > 1:

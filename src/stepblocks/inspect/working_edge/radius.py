@@ -19,7 +19,13 @@ from stepblocks.inspect.budget import (
 from stepblocks.inspect.edge import NO_RISER, fit_edge
 from stepblocks.inspect.edge_arc import RESOLVED
 from stepblocks.inspect.edge_flank import LEAST_ON_FLANK
-from stepblocks.inspect.noise import Estimate, Refit, average_stds, average_values, compute_change
+from stepblocks.inspect.noise import (
+    Estimate,
+    Refit,
+    average_stds,
+    average_values,
+    estimate_refit_std,
+)
 from stepblocks.inspect.notes import Note, NoteKind
 from stepblocks.inspect.working_edge.crossing import CrossedEdge, CrossedEdges
 
@@ -60,9 +66,9 @@ def average_radius(
     ]
     single = average_stds(corners)
     if crossed.is_map or _is_sharp(crossed, corners):
-        components.append(_describe_sampling(crossed, single))
+        components.append(_make_sampling_component(crossed, single))
         single = 0.0
-    stylus = _describe_stylus(stylus_radius)
+    stylus = _make_stylus_component(stylus_radius)
     if stylus is not None:
         components.append(stylus)
     without_tip = []
@@ -101,8 +107,8 @@ def _is_sharp(crossed: CrossedEdges, corners: list[Estimate]) -> bool:
     return average_values(corners) < RESOLVED * crossed.spacing and not crossed.is_sloped
 
 
-def _describe_sampling(crossed: CrossedEdges, single: float) -> Component:
-    """Return what lies between two samples; `single` is the uncertainty of one profile [m].
+def _make_sampling_component(crossed: CrossedEdges, single: float) -> Component:
+    """Make the component of what lies between samples; `single` is the std of one profile [m].
 
     It lies anywhere there, alike in all rows unless the edge wanders over the samples: then a pixel
     and the noise of a row are not both at their ends.
@@ -118,8 +124,8 @@ def _describe_sampling(crossed: CrossedEdges, single: float) -> Component:
     return Component(Source.SAMPLING, between, how=how, bounded=True)
 
 
-def _describe_stylus(radius: float | None) -> Component | None:
-    """Return what a stylus of a radius [m] leaves open; None of an optical instrument."""
+def _make_stylus_component(radius: float | None) -> Component | None:
+    """Make the component of a stylus of a radius [m]; None of an optical instrument."""
     if radius is None:
         how = f"{UNSTATED}: the radius is at most this"
         return Component(Source.STYLUS_RADIUS, math.nan, how=how, assumed=True)
@@ -149,7 +155,7 @@ def _estimate_arc_form(crossed: CrossedEdges) -> float:
     refits = []
     for success in evaluate_each(_fit_upper_arc, chosen).evaluated:
         refits.append(Refit(success.item.edge.radius, success.result))
-    return compute_change(refits, _NOISE_OF_FEW_POINTS)
+    return estimate_refit_std(refits, _NOISE_OF_FEW_POINTS)
 
 
 def _fit_upper_arc(crossing: CrossedEdge) -> Estimate:

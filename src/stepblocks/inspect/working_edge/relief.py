@@ -15,7 +15,7 @@ from stepblocks.inspect.budget import (
     ScalePowers,
     average_profiles,
 )
-from stepblocks.inspect.edge import find_largest_edge, fit_step
+from stepblocks.inspect.edge import find_largest_edge, fit_step_height
 from stepblocks.inspect.evaluation import EvaluationOptions
 from stepblocks.inspect.found_edges import FoundEdge, find_edges
 from stepblocks.inspect.layout import DeclaredRelief
@@ -117,7 +117,7 @@ def cover_relief(
     if len(found) < LEAST_SHARE * len(chosen):
         reason = NotMeasuredReason.RELIEF_NOT_SEEN.describe()
         return CoveredRelief(scan, missing=dict.fromkeys(("relief_width", "relief_depth"), reason))
-    places = _locate(found)
+    places = _fit_walls(found)
     depths = [relief.depth for relief in found]
     depth = average_profiles("depth of the relief", depths, instrument)
     without_relief, filled = _cover_scan(scan, places, declared)
@@ -178,7 +178,7 @@ def _find_relief_beside(
     position = row.position[beside]
     height = row.height[beside]
     wall = find_largest_edge(position, height)
-    depth = fit_step(position, height, _WALL * width)
+    depth = fit_step_height(position, height, _WALL * width)
     wide = sign * (riser.position - wall.position)
     is_there = wall.rising is not (riser.rise > 0.0) and abs(wide - width) <= _PLAUSIBLE * width
     if not is_there or abs(depth.value - declared.depth) > _PLAUSIBLE * declared.depth:
@@ -190,8 +190,8 @@ def _find_relief_beside(
     return _ReliefOfRow(row, riser, wall.position, depth, rise)
 
 
-def _locate(found: Sequence[_ReliefOfRow]) -> _Places:
-    """Lay lines through the places of riser and wall over the rows of a map."""
+def _fit_walls(found: Sequence[_ReliefOfRow]) -> _Places:
+    """Fit lines to the places of riser and wall over the rows of a map."""
     offsets, risers, walls = [], [], []
     rising = 0
     for relief in found:
@@ -255,7 +255,7 @@ def _average_least_width(
 
 
 def _measure_width_at_half_depth(relief: _ReliefOfRow) -> float:
-    """Return how far a profile lies below half the depth of its relief [m]; 0 where nowhere."""
+    """Return how far a profile lies below half the depth of its relief [m]; 0 if never."""
     position = relief.row.position
     height = relief.row.height
     sign = 1.0 if relief.riser.rise > 0.0 else -1.0
@@ -265,7 +265,7 @@ def _measure_width_at_half_depth(relief: _ReliefOfRow) -> float:
     face &= np.isfinite(height)
     if face.sum() < LEAST_FACE:
         return 0.0
-    lower = _fit_face(position[face], height[face])(position)
+    lower = _fit_face_line(position[face], height[face])(position)
     is_below = height < lower - 0.5 * relief.depth.value  # nowhere where nothing was measured
     middle = int(np.argmin(np.abs(across + 0.5 * width)))
     if not is_below[middle]:
@@ -292,15 +292,17 @@ def _find_relief_points(
     face &= np.isfinite(height)
     if face.sum() < LEAST_FACE:
         return None
-    lower = _fit_face(position[face], height[face])(position)
+    lower = _fit_face_line(position[face], height[face])(position)
     inside = (across >= wall) & (across < _FOOT * spacing) & ~(height > lower)
     # as far from the wall as they are, the face is seen
-    mirrored = np.interp(2.0 * wall - across[inside], *_sort(across[face], (height - lower)[face]))
+    mirrored = np.interp(
+        2.0 * wall - across[inside], *_sort_by_position(across[face], (height - lower)[face])
+    )
     return _ReliefPoints(inside, lower[inside] + mirrored)
 
 
-def _sort(across: Array, level: Array) -> tuple[Array, Array]:
-    """Sort levels by their places."""
+def _sort_by_position(across: Array, level: Array) -> tuple[Array, Array]:
+    """Sort positions and levels by position."""
     order = np.argsort(across)
     return across[order], level[order]
 
@@ -326,8 +328,8 @@ def _cover_scan(
     return replace(scan, height=heights.reshape(shape)), filled.reshape(shape)
 
 
-def _fit_face(position: Array, height: Array) -> np.polynomial.Polynomial:
-    """Lay a line through a face; points far off it are left out."""
+def _fit_face_line(position: Array, height: Array) -> np.polynomial.Polynomial:
+    """Fit a line to a face without the points far off it."""
     line = np.polynomial.Polynomial.fit(position, height, 1)
     off = np.abs(height - line(position))
     near = off <= _SPIKE * max(float(np.median(off)), LEAST_SCATTER)

@@ -65,7 +65,7 @@ def measure_riser(
     notes.append(NoteKind.NO_ARC.describe(slope=slope))
     scatter = np.std(angles)
     values = {
-        ANGLE: _describe_angle(angle, math.hypot(std, scatter), instrument),
+        ANGLE: _add_angle_budget(angle, math.hypot(std, scatter), instrument),
         STRAIGHTNESS: _measure_straightness(crossed, angle, instrument),
     }
     return Riser(values=values)
@@ -76,8 +76,8 @@ def _make_unmeasured_riser(reason: str) -> Riser:
     return Riser(missing=dict.fromkeys((ANGLE, STRAIGHTNESS), reason))
 
 
-def _describe_angle(angle: float, noise: float, instrument: Instrument) -> Measured:
-    """Return the angle of a riser with its budget [rad]."""
+def _add_angle_budget(angle: float, noise: float, instrument: Instrument) -> Measured:
+    """Add its budget to the angle of a riser [rad]."""
     vertical = instrument.calibration_std
     if vertical is None:
         vertical = UNSTATED_SCALE
