@@ -9,10 +9,10 @@ from oracles.learned import make_learned_model
 from oracles.shipped import load_shipped
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.predict.learned import (
+    apply_learned_constants,
     format_learned_columns,
-    make_learned_drag,
+    predict_learned_drag,
     predict_trials,
-    put_learned_constants,
 )
 from stepblocks.predict.predictions import predict_by_formula
 
@@ -22,7 +22,7 @@ _ROUNDED = {"edge_rounding": {"edge_radius_m": 14e-6}}
 
 def test_a_step_is_asked_about_like_a_trial_of_it():
     learned = make_learned_model(_ROUNDED, std=0.002, scatter=0.03)
-    found = make_learned_drag(learned, "step-050", 50e-6, _CONDITION)
+    found = predict_learned_drag(learned, "step-050", 50e-6, _CONDITION)
     row = {
         "trial": "1",
         "block": "step-050",
@@ -42,7 +42,7 @@ def test_a_step_is_asked_about_like_a_trial_of_it():
 
 
 def test_friction_and_tool_are_those_that_were_learnt_not_those_that_were_assumed():
-    found = make_learned_drag(make_learned_model(_ROUNDED), "step-050", 50e-6, _CONDITION)
+    found = predict_learned_drag(make_learned_model(_ROUNDED), "step-050", 50e-6, _CONDITION)
     assert found.friction == pytest.approx(0.17)
     learnt = (
         found.tool.stiffness,
@@ -57,20 +57,20 @@ def test_friction_and_tool_are_those_that_were_learnt_not_those_that_were_assume
 
 def test_what_an_effect_follows_is_taken_in_the_middle_of_the_data():
     learned = make_learned_model({"running_in": {"excess": 0.5, "settling_trials": 30.0}})
-    found = make_learned_drag(learned, "step-050", 50e-6, _CONDITION)
+    found = predict_learned_drag(learned, "step-050", 50e-6, _CONDITION)
     assert found.friction == pytest.approx(0.17 * (1.0 + 0.5 * math.exp(-60.5 / 30.0)))
     assert found.edge_radius == 0.0
 
 
 def test_a_step_beyond_the_data_is_flagged():
     assert (
-        make_learned_drag(make_learned_model(), "step-090", 90e-6, _CONDITION).status
+        predict_learned_drag(make_learned_model(), "step-090", 90e-6, _CONDITION).status
         == "outside-range(height_um)"
     )
 
 
 def test_a_set_is_predicted_with_the_constants_of_the_session():
-    stimuli = put_learned_constants(load_shipped("paper-four"), make_learned_model())
+    stimuli = apply_learned_constants(load_shipped("paper-four"), make_learned_model())
     assert stimuli.prediction.frictions == (0.17,)
     assert stimuli.prediction.tool.stiffness == pytest.approx(1.05 * 9500.0)
     assert stimuli.prediction.tool.conversion == pytest.approx(0.23)
@@ -80,7 +80,7 @@ def test_a_set_is_predicted_with_the_constants_of_the_session():
 def test_columns_say_the_same_as_a_plain_step_of_the_same_critical_angle(name):
     learned = make_learned_model()
     seen = set()
-    for prediction in predict_by_formula(put_learned_constants(load_shipped(name), learned)):
+    for prediction in predict_by_formula(apply_learned_constants(load_shipped(name), learned)):
         columns = format_learned_columns(prediction, learned)
         seen.add(prediction.release.status.value)
         if prediction.release.status.value != "releases":
@@ -103,6 +103,6 @@ def test_a_model_that_follows_the_speed_is_asked_about_the_speed_of_the_conditio
     # C_v (v / 6 mm/s)^q: at 8 mm/s the energy is (8 / 6)^q times that of the same model at q = 0
     def energy(exponent):
         learned = make_learned_model({"speed_dependent_conversion": {"exponent": exponent}})
-        return make_learned_drag(learned, "step-050", 50e-6, _CONDITION).energy[0]
+        return predict_learned_drag(learned, "step-050", 50e-6, _CONDITION).energy[0]
 
     assert energy(0.7) / energy(0.0) == pytest.approx((8.0 / 6.0) ** 0.7, rel=1e-9)

@@ -386,9 +386,9 @@ def _put_learned_constants(
     sets: "Sequence[StimulusSet]", learned: "LearnedModel"
 ) -> "list[StimulusSet]":
     """Give sets the constants that a session taught."""
-    from stepblocks.predict.learned import put_learned_constants
+    from stepblocks.predict.learned import apply_learned_constants
 
-    return [put_learned_constants(stimuli, learned) for stimuli in sets]
+    return [apply_learned_constants(stimuli, learned) for stimuli in sets]
 
 
 def _build_outdated(

@@ -129,13 +129,13 @@ def _replace_nominal(part: Part, record: AsBuilt | None) -> Part:
         return part
     source = f"as built, {record.scan}"
     first = _find_measured_sizes(record.contact_height, record.values.get("edge_radius"))
-    update: dict[str, object] = {**_replace_sizes(part.sizes, first, source)}
+    update: dict[str, object] = {**_make_measured_sizes(part.sizes, first, source)}
     second_step = find_second_step(part)
     if second_step is not None:
         radius = record.values.get("second_edge_radius")
         second = _find_measured_sizes(record.second_contact_height, radius)
         sizes = {"height": second_step.height, "edge_radius": second_step.edge_radius}
-        replaced = _replace_sizes(sizes, second, source)
+        replaced = _make_measured_sizes(sizes, second, source)
         update["second_step"] = second_step.model_copy(update=replaced)
     return part.model_copy(update=update)
 
@@ -152,10 +152,10 @@ def _find_measured_sizes(
     return measured
 
 
-def _replace_sizes(
+def _make_measured_sizes(
     sizes: Mapping[str, Dimension], measured: Mapping[str, float], source: str
 ) -> dict[str, Dimension]:
-    """Return the sizes that were measured, with their tolerances and where they come from."""
+    """Make the measured sizes, with the tolerances of the nominal ones and their source."""
     replaced = {}
     for name, value in measured.items():
         replaced[name] = replace(sizes[name], nominal=value, source=source)
@@ -180,6 +180,7 @@ def prepare_surface_releases(
         return find_scanned_angle(record.surface.position, record.surface.height, ball_radius)
 
     def release_over_surface(prediction: Prediction) -> Release | None:
+        """Return the release over the scanned surface; None of a second edge or without a scan."""
         if prediction.is_second_edge:  # a record keeps the surface of the first
             return None
         point = prediction.point
@@ -194,7 +195,7 @@ def prepare_surface_releases(
 def predict_from_surfaces(
     predictions: Iterable[Prediction], stimuli: StimulusSet, records: Records
 ) -> Iterator[Prediction]:
-    """Predict a recorded edge that is no arc from its surface: its radius says little."""
+    """Predict a recorded edge that is not an arc from its surface: its radius says little."""
     release_over_surface = prepare_surface_releases(stimuli, records)
     for prediction in predictions:
         record = records.get(prediction.stimulus)
@@ -229,9 +230,11 @@ def _shift_interval(interval: Interval, release: Release) -> Interval:
     energy = float(release.vibration_energy)
 
     def shift_force(bound: float) -> float:
+        """Move a bound of the force by the ratio of the forces [N]."""
         return bound * force / interval.force
 
     def shift_energy(bound: float) -> float:
+        """Move a bound of the energy by the ratio of the energies [J]."""
         return bound * energy / interval.energy
 
     return replace(

@@ -85,11 +85,13 @@ def _tabulate_interval(prediction: Prediction) -> dict[str, Cell]:
     is_beyond_limit = prediction.release.status.is_beyond_limit
 
     def read_force(end: str) -> float:
+        """Return an end of the interval of the force [N]; NaN without an interval."""
         if interval is None:
             return math.nan
         return float(getattr(interval, end))
 
     def read_energy(end: str) -> float:
+        """Return an end of the interval of the energy [uJ]; NaN without one or beyond a limit."""
         if interval is None or is_beyond_limit:
             return math.nan
         return float(getattr(interval, end)) * 1e6
@@ -177,6 +179,7 @@ def format_row(row: Mapping[str, Cell]) -> dict[str, str]:
 
 
 def _format_cell(cell: Cell) -> str:
+    """Format a figure with six digits; a word stays as it is."""
     if isinstance(cell, str):
         return cell
     return format_six_digits(cell)

@@ -70,7 +70,7 @@ def to_dataset(table: pd.DataFrame) -> "xarray.Dataset":
             "a Dataset needs xarray: install the extra with pip install 'stepblocks[xarray]'"
         ) from error
     for name in dataset.variables:
-        dataset[name].attrs = _describe_column(str(name))
+        dataset[name].attrs = _make_column_attributes(str(name))
     return dataset
 
 
@@ -87,8 +87,8 @@ def _index_by_conditions(table: pd.DataFrame) -> pd.DataFrame:
     return table.set_index(names)
 
 
-def _describe_column(name: str) -> dict[str, str]:
-    """Attributes of a variable: its label and, where its name says one, its unit."""
+def _make_column_attributes(name: str) -> dict[str, str]:
+    """Make the attributes of a variable: its label and, where its name says one, its unit."""
     label, _, unit = format_column_label(name).rpartition(", ")
     if not label:
         return {"long_name": unit}
@@ -165,7 +165,7 @@ def _group_by_conditions(
 
 
 def _require_frame(table: object) -> None:
-    """Refuse what is no table; anything else fails somewhere inside xarray or matplotlib."""
+    """Refuse a table that is not a data frame; it would fail inside xarray or matplotlib."""
     if not isinstance(table, pd.DataFrame):
         raise PipelineError(f"table must be a pandas DataFrame, got {type(table).__name__}")
     repeated = table.columns[table.columns.duplicated()]

@@ -39,7 +39,7 @@ def compute_margin_map(
 
 
 def _compute_forces(angles: Array, point: OperatingPoint) -> Array:
-    """Peak forces [N] for critical angles; of a unit spring, on which a force does not depend."""
+    """Return peak forces [N] for critical angles; the unit spring does not affect them."""
     forces: Array
     forces, _ = kernels.compute_force_and_energy(
         angles, point.friction, point.normal_load, 1.0, 1.0

@@ -129,7 +129,7 @@ class _ChannelPrediction:
 def _compute_channel_values(
     channels: _ChannelPrediction, channel: int, shift: float, is_missing: NDArray[np.bool_]
 ) -> Floats:
-    """Values of a channel, so many standard deviations off; NaN where there is none."""
+    """Return a channel, shifted by so many standard deviations; NaN where it is missing."""
     logarithm = channels.mean[:, channel] + shift * channels.std[:, channel]
     return np.where(is_missing, np.nan, np.exp(logarithm))
 
@@ -210,7 +210,7 @@ def _append_column_name(texts: NDArray[np.object_], rows: NDArray[np.bool_], nam
 
 
 def _read_tip_radii(table: pd.DataFrame, learned: LearnedModel) -> Floats:
-    """Radius of each trial's tip [um]; without a column the one of the session."""
+    """Read the radius of each trial's tip [um]; without a column that of the session."""
     tips = table.get("tip", pd.Series("", table.index)).astype(str)
     return np.array([parse_tip_radius_um(tip, learned.tip_radius_um) for tip in tips])
 
@@ -242,13 +242,13 @@ def _predict_channels(
     return _ChannelPrediction(mean, np.sqrt(variance), state)
 
 
-def _compute_at(
+def _compute_channels_at(
     design: BenchDesign,
     fitted: LearnedFit,
     values: Mapping[str, float],
     columns: Columns | None = None,
 ) -> Floats:
-    """Channels at other values of the parameters, or other covariates, than those fitted."""
+    """Compute the channels at other parameters, or other covariates, than those fitted."""
     if columns:
         design = replace(design, covariates=columns)
     return compute_channels(
@@ -257,13 +257,13 @@ def _compute_at(
 
 
 def _compute_jacobian(design: BenchDesign, fitted: LearnedFit, mean: Floats) -> Floats:
-    """Slopes of the channels by the parameters, shape (trials, channels, parameters)."""
+    """Return slopes of the channels by the parameters, shape (trials, channels, parameters)."""
     jacobian = np.zeros((*mean.shape, len(fitted.values)))
     sizes = np.sqrt(np.maximum(np.diag(fitted.covariance), 0.0))
     for i, (name, value) in enumerate(fitted.values.items()):
         step = _STEP * sizes[i]
         if step > 0.0:
-            changed = _compute_at(design, fitted, {**fitted.values, name: value + step})
+            changed = _compute_channels_at(design, fitted, {**fitted.values, name: value + step})
             jacobian[:, :, i] = (changed - mean) / step
     return jacobian
 
@@ -271,7 +271,7 @@ def _compute_jacobian(design: BenchDesign, fitted: LearnedFit, mean: Floats) -> 
 def _list_unseen_variances(
     design: BenchDesign, fitted: LearnedFit, learned: LearnedModel, mean: Floats
 ) -> Iterator[Floats]:
-    """Variances of the channels for a day, a batch or an hour that the session had not.
+    """List variances of the channels for a day, a batch or an hour not in the session.
 
     Such a value is as uncertain as those that the session had differ.
     """
@@ -290,7 +290,7 @@ def _list_unseen_variances(
         predictions = []
         for value in seen:
             columns = {**design.covariates, place.name: np.full(len(mean), value)}
-            predictions.append(_compute_at(design, fitted, fitted.values, columns))
+            predictions.append(_compute_channels_at(design, fitted, fitted.values, columns))
         spread = np.mean((np.array(predictions) - mean) ** 2, axis=0)
         yield np.where(is_new[:, None], spread, 0.0)
 
@@ -305,10 +305,10 @@ class LearnedDrag(LearnedPrediction):
     edge_radius: float
 
 
-def make_learned_drag(
+def predict_learned_drag(
     learned: LearnedModel, block: str, height: float, condition: OperatingPoint
 ) -> LearnedDrag:
-    """Ask a learned model about one step; friction and tool of the condition are learned."""
+    """Predict a drag over one step by a learned model, with its friction and tool."""
     row: dict[str, object] = {
         "trial": "1",
         "block": block,
@@ -356,8 +356,8 @@ def _read_with_ends(row: pd.Series, figure: str) -> tuple[float, float, float]:
     )
 
 
-def put_learned_constants(stimuli: StimulusSet, learned: LearnedModel) -> StimulusSet:
-    """Put the constants of a session into a set: friction, spring and conversion."""
+def apply_learned_constants(stimuli: StimulusSet, learned: LearnedModel) -> StimulusSet:
+    """Return a set with friction, spring and conversion of a session in place of its own."""
     values = learned.extended.values
     grid = stimuli.prediction
     tool = grid.tool.model_copy(
@@ -380,13 +380,13 @@ def format_learned_columns(prediction: Prediction, learned: LearnedModel) -> dic
         # an edge that is no plain step counts as the step of the same critical angle
         angle, radius = prediction.release.angle, prediction.point.ball_radius
         height = float(compute_height_at_angle(angle, radius))
-    drag = make_learned_drag(learned, prediction.edge_name, float(height), prediction.point)
+    drag = predict_learned_drag(learned, prediction.edge_name, float(height), prediction.point)
     energy_uj = [1e6 * energy for energy in drag.energy]
     return _format_learned(drag.status, drag.peak_force, energy_uj)
 
 
 def _format_learned(status: str, force: Iterable[float], energy: Iterable[float]) -> dict[str, str]:
-    """Columns of a learned drag: a force [N] and an energy [uJ], each with its ends."""
+    """Format a learned drag as columns: a force [N] and an energy [uJ], each with its ends."""
     row = {"learned_status": status}
     for figure, values in (("peak_force{}_n", force), ("vibration_energy{}_uj", energy)):
         for end, value in zip(("", "_95_low", "_95_high"), values, strict=True):

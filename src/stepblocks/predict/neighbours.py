@@ -262,7 +262,7 @@ def _list_pairs_of_condition(
     for prediction, energy in zip(group, energies, strict=True):
         if energy > 0.0:
             ringing.append((prediction, energy))
-    ringing.sort(key=lambda found: _find_order(*found))
+    ringing.sort(key=lambda found: _get_sort_key(*found))
     draws = []
     for place, (prediction, _) in enumerate(ringing):
         part = parts[prediction.stimulus]
@@ -282,16 +282,16 @@ def _list_pairs_of_condition(
         )
 
 
-def _find_order(prediction: Prediction, energy: float) -> float:
-    """Return what orders the stimuli of a condition: the height [m] of steps, else the energy."""
+def _get_sort_key(prediction: Prediction, energy: float) -> float:
+    """Return the key by which stimuli are sorted: the height [m] of steps, else the energy [J]."""
     if isinstance(prediction.face, Step):
         return prediction.face.height
     return energy
 
 
-def find_pair_order(pair: Pair) -> float:
-    """Return what orders pairs by their lower stimuli: a height [m], else an energy [J]."""
-    return _find_order(pair.first, pair.energies[0])
+def get_pair_sort_key(pair: Pair) -> float:
+    """Return the key by which pairs are sorted: that of the lower stimulus."""
+    return _get_sort_key(pair.first, pair.energies[0])
 
 
 def _measure_distance(

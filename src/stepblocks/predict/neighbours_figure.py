@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from stepblocks.files.figures import make_figure, save_figure
-from stepblocks.predict.neighbours import Pair, find_pair_order
+from stepblocks.predict.neighbours import Pair, get_pair_sort_key
 
 _RED = "#b03030"
 _SPREAD = 0.5  # of the conditions about the place of a pair, in distances of pairs
@@ -41,7 +41,7 @@ def draw_neighbours(pairs: list[Pair], path: Path, title: str) -> None:
     """
     places: dict[str, int] = {}
     series: dict[tuple[float, float], list[Pair]] = {}
-    for pair in sorted(pairs, key=find_pair_order):
+    for pair in sorted(pairs, key=get_pair_sort_key):
         places.setdefault(_name_pair(pair), len(places))
         point = pair.first.point
         series.setdefault((point.friction, point.normal_load), []).append(pair)

@@ -29,7 +29,7 @@ MOST_DRAGGED = 10_000
 DIFFERS = 1.5
 
 
-def is_far_apart(over_formula: float) -> bool:
+def differs_from_formula(over_formula: float) -> bool:
     """Tell whether a drag's energy over the formula's [1] is beyond a factor of `DIFFERS`."""
     return over_formula > DIFFERS or over_formula < 1.0 / DIFFERS
 
@@ -104,7 +104,7 @@ class Prediction:
     @property
     def differs(self) -> bool:
         """Whether drag and formula are further apart than a factor of `DIFFERS`."""
-        return is_far_apart(self.energy_over_formula)
+        return differs_from_formula(self.energy_over_formula)
 
     @property
     def felt_model(self) -> Model:
@@ -181,14 +181,14 @@ def find_felt_edge(part: Part, prediction: Prediction) -> Part:
 
 
 def _list_balls(part: Part, grid: PredictionGrid) -> list[Dimension]:
-    """Balls that cross a part: those of the setting, or the part's own where it is a tip."""
+    """List the balls that cross a part: those of the setting, or the part's own if it is a tip."""
     if part.ball is not None:
         return [part.ball]
     return [find_tip(grid, radius) for radius in grid.tip_radii]
 
 
 def _list_steps(part: Part, grid: PredictionGrid) -> tuple[float | None, ...]:
-    """Heights of the steps that a tip is dragged over [m]; None for a part that is crossed."""
+    """List heights of the steps that a tip is dragged over [m]; None for a part that is crossed."""
     if part.crossed:
         return (None,)
     return tuple(grid.step_heights)
@@ -239,7 +239,7 @@ def _predict_under_ball(
 
 
 def make_middle_face(part: Part, step_height: float | None) -> Counterface:
-    """Counterface in the middle of all tolerance zones: of a one-sided zone the expectation."""
+    """Make the counterface in the middle of all tolerance zones, one-sided ones included."""
     if not part.crossed:
         return part.counterface(step_height)
     sizes = {name: find_zone_middle(dimension) for name, dimension in part.sizes.items()}
@@ -255,7 +255,7 @@ def find_tip(grid: PredictionGrid, radius: float) -> Dimension:
 def _collect_all_uncertainties(
     part: Part, grid: PredictionGrid, ball: Dimension, load: float, stiffness_tolerance: float
 ) -> dict[str, float]:
-    """Uncertainties of part and setting, with what the tolerances of a sheath add to the spring."""
+    """Collect those of part and setting, with what a sheath's tolerances add to the spring."""
     uncertainties = collect_uncertainties(part, grid, ball, load)
     worn = convert_half_widths({"stiffness": stiffness_tolerance})["stiffness"]
     uncertainties["stiffness"] = math.hypot(uncertainties["stiffness"], worn)
@@ -300,12 +300,12 @@ def _compute_stiffness_tolerance(stimuli: StimulusSet, part: Part) -> float:
 
 
 def find_zone_middle(dimension: Dimension) -> float:
-    """Middle of the zone of a tolerance."""
+    """Find the middle of the zone of a tolerance."""
     return dimension.nominal + 0.5 * (dimension.upper + dimension.lower)
 
 
 def find_half_width(dimension: Dimension) -> float:
-    """Half the width of the zone of a tolerance."""
+    """Find half the width of the zone of a tolerance."""
     return 0.5 * (dimension.upper - dimension.lower)
 
 

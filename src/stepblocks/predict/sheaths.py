@@ -84,10 +84,10 @@ def predict_conditions(stimuli: StimulusSet) -> list[Condition]:
 
 
 def _predict_condition(probe: ProbeSpec, use: Use, sheath: Sheath | None = None) -> Condition:
-    """Ring of a probe in one use, with a sheath or bare."""
+    """Predict the ring of a probe in one use, with a sheath or bare."""
     name, mass, worn = "", 0.0, None
     if sheath is not None:
-        name, mass, worn = sheath.id, sheath.mass, _wear_sheath(sheath, use)
+        name, mass, worn = sheath.id, sheath.mass, _convert_sheath(sheath, use)
     rod = probe.rod()
     ring = compute_rod_ring(rod, worn)
     modes = compute_modes(rod, worn)
@@ -101,8 +101,8 @@ def _predict_condition(probe: ProbeSpec, use: Use, sheath: Sheath | None = None)
     )
 
 
-def _wear_sheath(sheath: Sheath, use: Use) -> Sleeve | Hold | None:
-    """Turn a sheath into what the rod meets: a sleeve on its shank, or the bush that holds it."""
+def _convert_sheath(sheath: Sheath, use: Use) -> Sleeve | Hold | None:
+    """Convert a sheath to what the rod meets: a sleeve on its shank, or the bush that holds it."""
     if use is not Use.HELD:
         return sheath.sleeve
     material = sheath.material
@@ -144,7 +144,7 @@ def tabulate_rings(stimuli: StimulusSet) -> list[dict[str, str]]:
 
 
 def _tabulate_ring(condition: Condition, bare: Condition, tool: Tool) -> dict[str, str]:
-    """One row: a ring beside that of the bare probe."""
+    """Tabulate a ring beside that of the bare probe, as a row."""
     ring = condition.ring
     duration = tool.ring_duration
     spread = tool.frequency_deviation / tool.frequency
@@ -198,7 +198,7 @@ def tabulate_decay_test(stimuli: StimulusSet) -> list[dict[str, str]]:
 
 
 def _format_release_count(bare: dict[str, float], test: dict[str, float]) -> str:
-    """Releases that tell a decrement from the bare probe's; nothing where both are equal."""
+    """Format how many releases tell a decrement from the bare probe's; empty if equal."""
     difference = abs(test["log_decrement"] - bare["log_decrement"])
     if difference == 0.0:
         return ""
@@ -258,7 +258,7 @@ def plan_decay_test(
 def _bound_ring_uncertainty(
     tool: Tool, displacement: float, noise: float, rate: float, count: int
 ) -> tuple[float, float]:
-    """Least standard uncertainties of a damped sine's frequency [Hz] and decay rate [1/s].
+    """Return least standard uncertainties of frequency [Hz] and decay rate [1/s] of a sine.
 
     They are the Cramer-Rao bound of one record with white noise.
     """

@@ -86,7 +86,7 @@ def build_plain_step(height: float, name: str = "step") -> StepBlock:
 
 
 def _declare_dimensions(**sizes: str) -> dict[str, object]:
-    """Declare dimensions; their tolerance is no matter where nothing is made."""
+    """Declare dimensions with a tolerance that has no effect, since nothing is made."""
     return {name: {"nominal": size, "tolerance": "1 um"} for name, size in sizes.items()}
 
 
@@ -272,7 +272,7 @@ def _predict_with_model(
     learned: LearnedModel, surface: Part, point: OperatingPoint, direction: int
 ) -> "LearnedDrag":
     """Predict the drag over this edge as over a step: of its height, or of its critical angle."""
-    from stepblocks.predict.learned import make_learned_drag
+    from stepblocks.predict.learned import predict_learned_drag
 
     face = surface.counterface()
     if direction >= 0 and face.ways[0] == "up":
@@ -281,7 +281,7 @@ def _predict_with_model(
         path = face.centre_path(point.ball_radius)
         _, _, angle = path.find_notch(float(direction))
         height = point.ball_radius * (1.0 - math.cos(angle))
-    return make_learned_drag(learned, surface.id, height, point)
+    return predict_learned_drag(learned, surface.id, height, point)
 
 
 def replace_ring_by_drag(

@@ -22,7 +22,7 @@ from stepblocks.declaration.set import choose_operating_point
 from stepblocks.errors import HapticsError
 from stepblocks.files.layout import UNDECLARED, TableLayout, refuse_layout
 from stepblocks.files.tables import load_table, read_si_columns, warn_of_notes, write_table
-from stepblocks.simulators.conditions import check_overrides
+from stepblocks.simulators.conditions import refuse_bad_overrides
 
 _LENGTH = 5.0  # of the ring that is compared, in time constants
 _BEFORE = 0.1  # in which the peak force before the release is sought [s]
@@ -94,7 +94,7 @@ def compare_record(
     StepblocksError
         If the record cannot be read or holds no ring, or the stimulus does not release the probe.
     """
-    check_overrides(overrides)
+    refuse_bad_overrides(overrides)
     if isinstance(stimulus, VibrationEvent):
         event = stimulus
     else:
@@ -309,17 +309,20 @@ def _fit_decaying_sine(time: Array, force: Array, tool: Tool) -> _DecayingSine:
 
     slow = np.vander(time / time[-1], _TREND)
 
-    def build_columns(parameters: Array) -> Array:
-        frequency, log_decay = parameters
+    def build_ringing_columns(parameters: Array) -> Array:
+        """Build the columns of trend, sine and cosine for a frequency [Hz] and ln(decay time)."""
+        frequency, log_decay_time = parameters
         wave = math.tau * frequency * time
-        envelope = np.exp(-time / np.exp(log_decay))
+        envelope = np.exp(-time / np.exp(log_decay_time))
         return np.column_stack([slow, envelope * np.sin(wave), envelope * np.cos(wave)])
 
-    def solve(parameters: Array) -> Array:
-        return np.asarray(np.linalg.lstsq(build_columns(parameters), force, rcond=None)[0])
+    def solve_amplitudes(parameters: Array) -> Array:
+        """Solve for the amplitudes of the columns by least squares."""
+        return np.asarray(np.linalg.lstsq(build_ringing_columns(parameters), force, rcond=None)[0])
 
     def find_residual(parameters: Array) -> Array:
-        return np.asarray(force - build_columns(parameters) @ solve(parameters))
+        """Return what the best amplitudes leave of the force [N]."""
+        return np.asarray(force - build_ringing_columns(parameters) @ solve_amplitudes(parameters))
 
     best = None
     for share in _STARTS:
@@ -332,7 +335,7 @@ def _fit_decaying_sine(time: Array, force: Array, tool: Tool) -> _DecayingSine:
         if best is None or fit.cost < best.cost:
             best = fit
     assert best is not None
-    *trend, sine, cosine = solve(best.x)
+    *trend, sine, cosine = solve_amplitudes(best.x)
     return _DecayingSine(
         frequency=float(best.x[0]),
         decay=float(np.exp(best.x[1])),

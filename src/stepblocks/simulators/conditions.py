@@ -8,8 +8,8 @@ from stepblocks.errors import PipelineError
 OVERRIDES = ("normal_load", "friction", "ball_radius", "speed")
 
 
-def check_overrides(overrides: Mapping[str, object]) -> None:
-    """Refuse what is no quantity of an operating point, or no number."""
+def refuse_bad_overrides(overrides: Mapping[str, object]) -> None:
+    """Refuse an option that is not a quantity of an operating point, or not a finite number."""
     for name, value in overrides.items():
         if name not in OVERRIDES:
             raise PipelineError(f"an option must be one of {', '.join(OVERRIDES)}, got {name!r}")

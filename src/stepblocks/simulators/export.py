@@ -25,7 +25,7 @@ from stepblocks.haptics.devices import (
 from stepblocks.parts.kind import Part
 from stepblocks.records.model import LearnedModel, read_model
 from stepblocks.simulators.assemble import Contact, build_scene, lay_out_teeth, resolve_contact
-from stepblocks.simulators.conditions import check_overrides
+from stepblocks.simulators.conditions import refuse_bad_overrides
 from stepblocks.simulators.scene import (
     Scene,
     SceneFormat,
@@ -122,7 +122,7 @@ def export_scenes(
     forms = _find_formats(simulator)
     if ring not in ("exponential", "drag"):
         raise PipelineError(f"--ring must be one of exponential, drag, got {ring!r}")
-    check_overrides(overrides)
+    refuse_bad_overrides(overrides)
     profiles = load_devices(devices)  # a missing file is named even where no device is asked for
     order = _Order(
         forms=forms,

@@ -120,13 +120,13 @@ def predict_felt(
     from stepblocks.contact.energy import Status
     from stepblocks.contact.operating_point import PAPER
     from stepblocks.predict.kept import KeptPredictions
-    from stepblocks.predict.learned import format_learned_columns, put_learned_constants
+    from stepblocks.predict.learned import apply_learned_constants, format_learned_columns
 
     felt = stimuli.keep_felt()
     if not felt.stimuli:
         return []
     if learned is not None:
-        felt = put_learned_constants(felt, learned)
+        felt = apply_learned_constants(felt, learned)
     if kept is None:
         kept = KeptPredictions()
     predicted = kept.predict(_keep_first_condition(felt), dragged, PAPER.speed, is_wanted)

@@ -10,7 +10,7 @@ from stepblocks.declaration.set import StimulusSet, choose_operating_point
 from stepblocks.errors import PipelineError
 from stepblocks.mistakes import shorten_value
 from stepblocks.parts.kind import Part
-from stepblocks.predict.predictions import Model, is_far_apart
+from stepblocks.predict.predictions import Model, differs_from_formula
 from stepblocks.predict.set_design.curve import measure_drag_energy
 from stepblocks.predict.set_design.targets import MOST_TARGETS, Target
 
@@ -98,7 +98,7 @@ def drag_differs_over(
         face, point = part.counterface(), choose_operating_point(base, part, {"speed": speed})
         by_formula = _compute_energy(face, point, backward, Model.FORMULA)
         ratio = _compute_energy(face, point, backward, Model.DRAG) / by_formula
-        if is_far_apart(ratio):
+        if differs_from_formula(ratio):
             return True
     return False
 
@@ -106,7 +106,7 @@ def drag_differs_over(
 def _compute_energy(
     face: Counterface, point: OperatingPoint, backward: bool, model: Model
 ) -> float:
-    """Energy of a drag over a block by a model [J]; NaN where nothing slips."""
+    """Return the energy of a drag over a block by a model [J]; NaN where nothing slips."""
     is_backward = _is_backward(face, backward)
     if model is Model.DRAG:
         return measure_drag_energy(face, point, is_backward)
@@ -114,5 +114,5 @@ def _compute_energy(
 
 
 def _is_backward(face: Counterface, backward: bool) -> bool:
-    """Whether a block is dragged over backward: nothing catches down a step."""
+    """Tell whether a block is dragged over backward: nothing catches down a step."""
     return backward and len(face.ways) > 1

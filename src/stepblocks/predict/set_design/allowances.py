@@ -56,7 +56,7 @@ class _Set:
         return np.array(energies)
 
     def change_distances(self, name: str, moved: Sequence[int], deviations: Array) -> Array:
-        """Greatest change of a distance [JND] for each deviation [SI] of an input of some blocks.
+        """Return the greatest change of a distance [JND] for each deviation [SI] of an input.
 
         It is infinite where one of them no longer slips.
         """
@@ -71,7 +71,7 @@ class _Set:
         return change
 
     def _compute_energies(self, block: Felt, name: str, deviations: Array) -> Array:
-        """Energies of a block where one input deviates [J]."""
+        """Return energies of a block where one input deviates [J]."""
         _, energies = compute_deviated_releases(
             block.face, self.point, {name: deviations}, self.backward
         )

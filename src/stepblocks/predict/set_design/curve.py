@@ -99,7 +99,7 @@ class EnergyCurve:
             slips, holds = float(sizes[index]), float(sizes[index + 1])
             if not is_known[index]:
                 slips, holds = holds, slips
-            ends.append(self._find_end(slips, holds))
+            ends.append(self._find_last_size_that_slips(slips, holds))
         further = np.array([self.compute_energy(size) for size in ends])
         order = np.argsort(np.concatenate([sizes, ends]), kind="stable")
         return (
@@ -107,7 +107,7 @@ class EnergyCurve:
             np.concatenate([energies, further])[order],
         )
 
-    def _find_end(self, slips: float, holds: float) -> float:
+    def _find_last_size_that_slips(self, slips: float, holds: float) -> float:
         """Search between a size that slips and one that does not [m]; return the last that does."""
         for _ in range(_DIVISIONS):
             tried = np.linspace(slips, holds, _PARTS + 1)
@@ -150,7 +150,7 @@ class EnergyCurve:
 
 
 def measure_drag_energy(face: Counterface, point: OperatingPoint, backward: bool) -> float:
-    """Energy of the ring of a drag in time [J]; NaN where nothing slips or rings."""
+    """Return the energy of the ring of a drag in time [J]; NaN where nothing slips or rings."""
     in_time = predict_drag(face, point, backward).in_time
     if in_time is None or in_time.status != Status.RELEASES or not in_time.energy > 0.0:
         return math.nan

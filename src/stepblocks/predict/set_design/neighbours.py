@@ -122,21 +122,21 @@ def _compute_energies(
         return energies
     change = np.zeros(DRAWS)
     for name, deviation in deviations.items():
-        change += _follow_drag(block, point, name, np.asarray(deviation), backward)
+        change += _compute_log_energy_changes(block, point, name, np.asarray(deviation), backward)
     slips = np.isfinite(energies) & (energies > 0.0)
     return np.where(slips, block.energy * np.exp(change), energies)
 
 
-def _follow_drag(
+def _compute_log_energy_changes(
     block: Felt, point: OperatingPoint, name: str, deviation: Array, backward: bool
 ) -> Array:
-    """Change of the logarithm of the drag's energy with one input, from drags at its extremes."""
+    """Compute changes of ln E of a drag with one input, from drags at its extremes."""
     reached = float(np.abs(deviation).max())
     if not reached > 0.0:
         return np.zeros_like(deviation)
     ends = []
     for side in (-reached, reached):
-        energy = _drag_deviated(block, point, name, side, backward)
+        energy = _measure_deviated_energy(block, point, name, side, backward)
         ends.append(math.log(energy / block.energy))
     low, high = ends
     if math.isnan(low):
@@ -150,10 +150,10 @@ def _follow_drag(
     return slope * share + curvature * share * share
 
 
-def _drag_deviated(
+def _measure_deviated_energy(
     block: Felt, point: OperatingPoint, name: str, deviation: float, backward: bool
 ) -> float:
-    """Drag where one input deviates [SI]; the energy of the ring [J], NaN where there is none."""
+    """Drag where one input deviates [SI]; return the energy of the ring [J], NaN without one."""
     sizes = {key: size.nominal for key, size in block.part.sizes.items()}
     try:
         if name in sizes:
@@ -175,7 +175,7 @@ def deviate_point(point: OperatingPoint, name: str, deviation: float) -> Operati
 
 
 def compute_distances(first: Array, second: Array, difference: float) -> Array:
-    """Distances of energies in just noticeable differences [1]; 0 where neither slips."""
+    """Return distances of energies in just noticeable differences [1]; 0 where neither slips."""
     with np.errstate(divide="ignore", invalid="ignore"):
         distances = 10.0 * (np.log10(second) - np.log10(first)) / difference
     return np.where(np.isnan(distances), 0.0, distances)

@@ -192,6 +192,7 @@ def _tabulate_allowance(allowance: Allowance) -> Row:
 
 
 def _format_deviation(deviation: float) -> str:
+    """Format a deviation with three digits; "any" where it is infinite."""
     if math.isinf(deviation):
         return "any"
     return f"{deviation:.3g}"

@@ -238,14 +238,14 @@ def _find_declarable_range(block: SizedBlock) -> tuple[float, float]:
     smallest, largest = declarable[0], declarable[-1]
     first, last = tried.index(smallest), tried.index(largest)
     if first > 0:
-        smallest = _refine(block, tried[first - 1], smallest)
+        smallest = _bisect_declarable_size(block, tried[first - 1], smallest)
     if last + 1 < len(tried):
-        largest = _refine(block, tried[last + 1], largest)
+        largest = _bisect_declarable_size(block, tried[last + 1], largest)
     return smallest, largest
 
 
-def _refine(block: SizedBlock, refused: float, taken: float) -> float:
-    """Bisect between a size that is refused and one that is taken [m]; return one taken."""
+def _bisect_declarable_size(block: SizedBlock, refused: float, taken: float) -> float:
+    """Bisect between a refused and a taken size [m]; return the last that is taken."""
     for _ in range(_BISECTIONS):
         middle = 0.5 * (refused + taken)
         if _is_declarable(block, middle):

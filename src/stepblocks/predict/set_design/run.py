@@ -14,7 +14,7 @@ from stepblocks.errors import PipelineError
 from stepblocks.mistakes import shorten_value
 from stepblocks.parts.conditions import PredictionGrid
 from stepblocks.parts.declared import Table
-from stepblocks.predict.predictions import Model, is_far_apart
+from stepblocks.predict.predictions import Model, differs_from_formula
 from stepblocks.predict.set_design.alike import (
     drag_differs_over,
     read_like_targets,
@@ -120,9 +120,9 @@ def design_set(
     >>> [f"{block.size * 1e6:.1f} um" for block in design.blocks]
     ['13.1 um', '24.1 um', '38.1 um']
     """
-    route = _take_route(route)
+    route = _get_route_or_default(route)
     stated_model = _read_model(model)
-    base = _take_base(base)
+    base = _load_base(base)
     block = make_sized_block(route, base)
     conditions = _choose_conditions(name, base, prediction, block)
     point = choose_operating_point(conditions, block.example, {"speed": speed})
@@ -159,12 +159,12 @@ def design_set(
 
 
 def _is_empty(targets: Iterable[str | float]) -> bool:
-    """Whether no target is listed."""
+    """Tell whether no target is listed."""
     return isinstance(targets, Sized) and len(targets) == 0
 
 
-def _take_route(route: MakingRoute | None) -> MakingRoute:
-    """Return the route that was given, or the usual one."""
+def _get_route_or_default(route: MakingRoute | None) -> MakingRoute:
+    """Return the route that was given, or the default one."""
     if route is None:
         return MakingRoute()
     if not isinstance(route, MakingRoute):
@@ -181,8 +181,8 @@ def _read_model(model: str | None) -> Model | None:
     return Model(model)
 
 
-def _take_base(base: StimulusSet | str | Path | None) -> StimulusSet | None:
-    """Return the set that was given, or that of a file."""
+def _load_base(base: StimulusSet | str | Path | None) -> StimulusSet | None:
+    """Return the base as a set, read from its file where it is one; None stays."""
     if base is None or isinstance(base, StimulusSet):
         return base
     if not isinstance(base, str | Path):
@@ -276,7 +276,7 @@ def _drag_differs(found: list[Placement | MissedTarget], curve: EnergyCurve) -> 
         face = curve.block.make_face(placed.made_size)
         energy = measure_drag_energy(face, curve.point, curve.backward)
         ratio = energy / curve.compute_energy(placed.made_size)
-        if is_far_apart(ratio):
+        if differs_from_formula(ratio):
             return True
     return False
 

@@ -62,12 +62,12 @@ class Spacing:
 
 
 def compute_threshold_energy(tool: Tool) -> float:
-    """Energy of a ring that is just detected [J]: the power of the threshold over the ring."""
+    """Return the energy of a just detected ring [J]: the threshold power over the ring."""
     return tool.detection_threshold * tool.ring_duration
 
 
 def compute_level(energy: float, tool: Tool) -> float:
-    """Level of an energy [J] over the detection threshold [dB]."""
+    """Return the level of an energy [J] over the detection threshold [dB]."""
     return 10.0 * math.log10(energy / compute_threshold_energy(tool))
 
 
@@ -167,7 +167,7 @@ def _space_targets(spacing: Spacing, difference: float, tool: Tool) -> tuple[Tar
     if spacing.lowest is None:
         raise PipelineError("lowest must be given for evenly spaced targets, got none")
     lowest = compute_level(_read_target("lowest", spacing.lowest, tool).energy, tool)
-    step, number = _find_step(spacing, lowest, difference, tool)
+    step, number = _find_level_step(spacing, lowest, difference, tool)
     if number > MOST_TARGETS:
         raise PipelineError(f"targets must be at most {MOST_TARGETS}, got {number}")
     targets = []
@@ -182,17 +182,19 @@ def _space_targets(spacing: Spacing, difference: float, tool: Tool) -> tuple[Tar
     return tuple(targets)
 
 
-def _find_step(spacing: Spacing, lowest: float, difference: float, tool: Tool) -> tuple[float, int]:
+def _find_level_step(
+    spacing: Spacing, lowest: float, difference: float, tool: Tool
+) -> tuple[float, int]:
     """Find the step [dB] and the number of evenly spaced targets from the lowest level [dB]."""
     given = [spacing.highest, spacing.number, spacing.apart]
     if sum(value is not None for value in given) != 2:
         raise PipelineError("two of highest, number and apart must be given beside lowest")
     number = spacing.number
     if number is not None:
-        _require_number(number)
+        _require_target_count(number)
     if spacing.highest is None:
         assert number is not None
-        return _read_distance(spacing.apart) * difference, number
+        return _read_jnd_distance(spacing.apart) * difference, number
     highest = compute_level(_read_target("highest", spacing.highest, tool).energy, tool)
     if not highest > lowest:
         raise PipelineError(
@@ -201,11 +203,11 @@ def _find_step(spacing: Spacing, lowest: float, difference: float, tool: Tool) -
         )
     if number is not None:
         return (highest - lowest) / (number - 1), number
-    step = _read_distance(spacing.apart) * difference
+    step = _read_jnd_distance(spacing.apart) * difference
     return step, min(math.floor((highest - lowest) / step + _WHOLE), MOST_TARGETS) + 1
 
 
-def _require_number(number: object) -> None:
+def _require_target_count(number: object) -> None:
     """Refuse a number of targets that is not whole or out of range."""
     is_whole = isinstance(number, int) and not isinstance(number, bool)
     if not is_whole or not 2 <= number <= MOST_TARGETS:  # type: ignore[operator]
@@ -214,8 +216,8 @@ def _require_number(number: object) -> None:
         )
 
 
-def _read_distance(apart: str | float | None) -> float:
-    """Read a distance in just noticeable differences [1]."""
+def _read_jnd_distance(apart: str | float | None) -> float:
+    """Read the distance of neighbouring targets in just noticeable differences [1]."""
     distance = _match_number(apart, _DISTANCE)
     if distance is None:
         distance = read_number("apart", apart, "ratio")

@@ -88,13 +88,13 @@ class _PlanReader:
     limits: dict[str, float] = field(default_factory=lambda: dict(vars(PAPER.tool.limits)))
 
     def read(self) -> SweepPlan:
-        """Read section after section; what is returned is no use where a mistake was noted."""
+        """Read section after section; the plan is not usable where a mistake was noted."""
         self._read_sections()
         self._read_choices()
         if "set" in self.head:
             self._read_set()
         elif "tolerances" in self.draws:
-            self._note("[draws]", "tolerances are those of a set: name it with set")
+            self._note_mistake("[draws]", "tolerances are those of a set: name it with set")
         open_names = self._list_open_parameters()
         self._read_parameters(open_names)
         points = self._count_points()
@@ -102,7 +102,7 @@ class _PlanReader:
         self._read_spreads()
         seed = self._read_seed()
         if points * count > _MOST_ROWS:
-            self._note(
+            self._note_mistake(
                 "", f"sweep has {points * count} rows and must not have more than {_MOST_ROWS}"
             )
         return SweepPlan(
@@ -122,7 +122,7 @@ class _PlanReader:
             laws=dict(self.laws),
         )
 
-    def _note(self, place: str, rule: str) -> None:
+    def _note_mistake(self, place: str, rule: str) -> None:
         """Note a mistake and go on."""
         self.mistakes.append((place, rule))
 
@@ -142,7 +142,9 @@ class _PlanReader:
         for name, known in _CHOICES.items():
             choice = self.head.get(name, known[0])
             if choice not in known:
-                self._note("", f"{name} must be {known[0]} or {known[1]}, got {choice!r} [sweep]")
+                self._note_mistake(
+                    "", f"{name} must be {known[0]} or {known[1]}, got {choice!r} [sweep]"
+                )
                 choice = known[0]
             chosen[name] = str(choice)
         self.kind = chosen["kind"]
@@ -187,7 +189,7 @@ class _PlanReader:
                 self.spreads[name] = self.shares.pop(name)
 
     def _list_open_parameters(self) -> list[str]:
-        """Parameters that the plan gives: neither the stimuli nor a law give them."""
+        """List the parameters that the plan gives: neither the stimuli nor a law give them."""
         names = PARAMETERS[self.surface]
         taken: set[str] = set()
         if self.stimuli:
@@ -215,7 +217,7 @@ class _PlanReader:
             elif name in self.declared:
                 self.values[name] = self.declared[name]
             elif default is None:
-                self._note("[parameters]", f"{name} must be given")
+                self._note_mistake("[parameters]", f"{name} must be given")
             elif default != SQUARE:
                 self.values[name] = [default]
 
@@ -259,7 +261,7 @@ class _PlanReader:
         self.values[name] = np.linspace(low, high, count).tolist()
 
     def _count_points(self) -> int:
-        """Points of the design: of a grid by its axes, of a random design as the plan says."""
+        """Count the points of the design: of a grid by its axes, else as the plan says."""
         axes = [len(values) for values in self.values.values()]
         points = math.prod(axes) * max(len(self.stimuli), 1)
         with collect_mistakes(self.mistakes):
@@ -286,25 +288,27 @@ class _PlanReader:
                 with collect_mistakes(self.mistakes):
                     self.spreads[name] = _read_quantity(name, self.draws[name], dimension, "draws")
         if any(spread < 0.0 for spread in self.spreads.values()):
-            self._note("[draws]", "standard uncertainties must not be negative")
+            self._note_mistake("[draws]", "standard uncertainties must not be negative")
         for name in self.spreads:
             self.shares.pop(name, None)
             if not self._can_be_drawn(name):
-                self._note("[draws]", f"{name} cannot be drawn about a value that is not given")
+                self._note_mistake(
+                    "[draws]", f"{name} cannot be drawn about a value that is not given"
+                )
 
     def _can_be_drawn(self, name: str) -> bool:
-        """Whether a parameter has a value, and one that is a number, to draw about."""
+        """Tell whether a parameter has a value, and one that is a number, to draw about."""
         if name == "direction" or name in self.laws:
             return False
         has_value = name in self.values or name in self.ranges or name in self.parameters
         return bool(self.stimuli) or has_value
 
     def _read_seed(self) -> int:
-        """Seed of all draws."""
+        """Read the seed of all draws."""
         seed = self.head.get("seed", 0)
         is_whole = isinstance(seed, int) and not isinstance(seed, bool)
         if not is_whole or not 0 <= seed < _LARGEST_SEED:  # type: ignore[operator]
-            self._note("[sweep]", f"seed must be a whole number of 0 or more, got {seed!r}")
+            self._note_mistake("[sweep]", f"seed must be a whole number of 0 or more, got {seed!r}")
             return 0
         return seed  # type: ignore[return-value]
 
@@ -362,7 +366,7 @@ def read_sweep_stimuli(
 
 
 def _choose_parts(known: Mapping[str, Part], identities: object, path: Path) -> list[Part]:
-    """Parts of a set by their identities; None for all that a tip crosses."""
+    """Choose parts of a set by their identities; None for all that a tip crosses."""
     if identities is None:
         return [part for part in known.values() if part.crossed]
     refusal = f"stimulus must be a list of identities, got {identities!r} [parameters]"

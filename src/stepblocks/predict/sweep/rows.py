@@ -75,7 +75,7 @@ def compute_table(plan: SweepPlan, rows: range) -> pa.Table:
 def _list_input_columns(
     plan: SweepPlan, rows: range, inputs: Inputs, is_backward: NDArray[np.bool_]
 ) -> dict[str, Column]:
-    """Columns that say which row it is and what was asked of it."""
+    """List the columns that say which row it is and what was required of it."""
     numbers = np.arange(rows.start, rows.stop)
     columns: dict[str, Column] = {"row": numbers, "draw": numbers % plan.draws}
     if plan.stimuli:
@@ -119,8 +119,8 @@ def draw_inputs(plan: SweepPlan, rows: range) -> dict[str, Array]:
         for stimulus in plan.stimuli:
             of_values.append(stimulus.values)
             of_spreads.append(stimulus.spreads)
-        inputs |= _take_stimuli(of_values, which, math.nan)
-        spreads = _take_stimuli(of_spreads, which, 0.0)
+        inputs |= _list_stimulus_columns(of_values, which, math.nan)
+        spreads = _list_stimulus_columns(of_spreads, which, 0.0)
     for name, spread in plan.spreads.items():
         spreads[name] = np.full(len(rows), spread)
     for name, share in plan.shares.items():
@@ -131,7 +131,7 @@ def draw_inputs(plan: SweepPlan, rows: range) -> dict[str, Array]:
 
 
 def _draw_design(plan: SweepPlan, points: NDArray[np.int64]) -> Array:
-    """Uniform numbers of the design, shape (rows, parameters + 1), equal for draws of one point."""
+    """Draw uniform numbers, shape (rows, parameters + 1), equal for draws of one point."""
     columns = len(PARAMETERS[plan.surface]) + 1
     first, last = int(points[0]), int(points[-1])
     drawn = _draw_uniform(plan.seed, _DESIGN, range(first, last + 1), columns)
@@ -143,7 +143,7 @@ def _draw_design(plan: SweepPlan, points: NDArray[np.int64]) -> Array:
 def _place_parameters(
     plan: SweepPlan, points: NDArray[np.int64], uniform: Array
 ) -> tuple[dict[str, Array], NDArray[np.int64]]:
-    """Parameters of each point, and its place along the axes that are left: the stimuli's."""
+    """Return parameters of each point, and its place along the axes that are left for stimuli."""
     inputs: dict[str, Array] = {}
     places_left = points
     for column, name in enumerate(PARAMETERS[plan.surface]):
@@ -186,10 +186,10 @@ def _draw_uniform(seed: int, stream: int, rows: range, columns: int) -> Array:
     return ((raw >> np.uint64(11)).astype(np.float64) + 0.5) * 2.0**-53
 
 
-def _take_stimuli(
+def _list_stimulus_columns(
     records: Sequence[Mapping[str, float]], which: NDArray[np.int64], missing: float
 ) -> dict[str, Array]:
-    """Columns of the stimuli's figures for rows that name a stimulus by its place."""
+    """Make a column of each figure of the stimuli for rows that name a stimulus by its index."""
     names: dict[str, None] = {}
     for record in records:
         names |= dict.fromkeys(record)
@@ -262,7 +262,7 @@ def _compute_releases(
     is_backward: NDArray[np.bool_],
     is_inside: NDArray[np.bool_],
 ) -> Release[NDArray[np.str_], Array]:
-    """Releases of the rows inside the equations, by the closed forms of their surface."""
+    """Compute releases of the rows inside the equations, by the closed forms of their surface."""
     sizes = {}
     for name, column in SURFACES[plan.surface].items():
         if column in inputs:
@@ -286,7 +286,7 @@ def _compute_releases(
 def _make_condition(
     plan: SweepPlan, inputs: Inputs, row: int, laws: Mapping[str, Any]
 ) -> tuple[Counterface, OperatingPoint]:
-    """Counterface and operating point of one row."""
+    """Make counterface and operating point of one row."""
     values = {name: float(column[row]) for name, column in inputs.items()}
     tool = Tool(
         values["stiffness"],

@@ -231,7 +231,7 @@ def _reaches_workers(store: ResultStore, client: "Client") -> bool:
 
 
 def _require_jobs(jobs: object) -> None:
-    """Refuse what is no number of processes."""
+    """Refuse a number of processes that is not a whole number above 0."""
     is_whole = isinstance(jobs, int) and not isinstance(jobs, bool)
     if not is_whole or not 1 <= jobs <= _MOST_JOBS:  # type: ignore[operator]
         shown = " ".join(repr(jobs).split())  # the text of a table has lines
@@ -254,7 +254,7 @@ def compute_partition(plan: SweepPlan, number: int) -> tuple[int, bytes]:
 
 
 def _list_rows(plan: SweepPlan, number: int) -> range:
-    """Numbers of the rows of a partition."""
+    """List the numbers of the rows of a partition."""
     first = number * plan.rows_per_partition
     return range(plan.row_count)[first : first + plan.rows_per_partition]
 
@@ -316,5 +316,5 @@ def _open_partition(store: ResultStore, number: int) -> pq.ParquetFile:
 
 
 def _name_partition(number: int) -> str:
-    """Name of the file of a partition."""
+    """Name the file of a partition."""
     return f"part-{number:08d}.parquet"

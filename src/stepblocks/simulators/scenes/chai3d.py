@@ -14,7 +14,8 @@ from stepblocks.simulators.scene import Scene, SceneFormat, write_from_template
 _NEVER = 1e9  # pull over load that no hand reaches [1]
 
 
-def _write(folder: Path, scene: Scene) -> None:
+def _write_scene(folder: Path, scene: Scene) -> None:
+    """Write a program for one block."""
     # without normals the reader of CHAI3D 3.3 looks for "/" behind the end of what it copied
     write_obj(folder / "block.obj", scene.whole, normals=True)
     write_stl(folder / "block.stl", scene.whole)
@@ -39,16 +40,16 @@ def _write_program(folder: Path, name: str, scenes: Mapping[str, Scene]) -> None
             {
                 "file": file,
                 "pull": _choose_pull(scene),
-                "height": _find_height(scene),
+                "height": _find_equivalent_height(scene),
                 "scene": scene,
             }
         )
     for file in ("CMakeLists.txt", "ReleaseRing.h", "SessionLog.h", "StepBlock.h", "blocks.cpp"):
-        write_from_template(folder / file, name=name, blocks=blocks, lean=_find_lean)
+        write_from_template(folder / file, name=name, blocks=blocks, lean=_find_pull_ratio)
 
 
-def _find_lean(event: VibrationEvent, point: OperatingPoint) -> float:
-    """Find the pull over the load at which a notch gives way, tan(a + atan mu) [1]."""
+def _find_pull_ratio(event: VibrationEvent, point: OperatingPoint) -> float:
+    """Find the ratio of pull to load at which a notch gives way, tan(a + atan mu) [1]."""
     if event.status is Status.NO_CATCH:
         return point.friction
     if math.isfinite(event.critical_force):
@@ -63,7 +64,7 @@ def _choose_pull(scene: Scene) -> float:
     return 10.0 * scene.point.normal_load
 
 
-def _find_height(scene: Scene) -> float:
+def _find_equivalent_height(scene: Scene) -> float:
     """Find the height of a step, or of the step that has the same critical angle [m]."""
     face = scene.surface.counterface()
     if isinstance(face, Step):
@@ -76,7 +77,7 @@ CHAI3D = SceneFormat(
     name="chai3d",
     title="CHAI3D 3.3",
     unit="millimetres",
-    write=_write,
+    write=_write_scene,
     write_set=_write_set,
     run=(
         "Build `blocks.cpp` against your CHAI3D (its head says how); `echo 1 | "

@@ -23,7 +23,7 @@ _PATH = {
 }
 
 
-def _write(folder: Path, scene: Scene) -> None:
+def _write_scene(folder: Path, scene: Scene) -> None:
     """Write the force law as tables, and as source code in Python and C."""
     path = scene.path.scaled(1.0 / scene.scale)
     renderer = Renderer(path, scene.point, scale=scene.scale, event=False)
@@ -82,7 +82,7 @@ FORCELAW = SceneFormat(
     name="forcelaw",
     title="OpenHaptics, pyOpenHaptics, Haply: the force law",
     unit="metres",
-    write=_write,
+    write=_write_scene,
     run=(
         "`python force_law.py` drags a virtual hand and prints the peak; in your servo loop call "
         "`ForceLaw().tick(position, time_step)`."

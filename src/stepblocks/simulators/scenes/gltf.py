@@ -20,7 +20,7 @@ ENGINE_FROM_PART: dict[str, tuple[str, float, Array]] = {
 }
 
 
-def _write(folder: Path, scene: Scene) -> None:
+def _write_scene(folder: Path, scene: Scene) -> None:
     """Write the block and its convex pieces, and what engines must know of them."""
     pieces = []
     write_glb(folder / "block.glb", scene.whole)
@@ -86,7 +86,7 @@ GLTF = SceneFormat(
     name="gltf",
     title="glTF (Unity, Unreal, web)",
     unit="metres",
-    write=_write,
+    write=_write_scene,
     write_tooth=_write_tooth,
     run="Import `block.glb` for the picture and the convex pieces as colliders; read contact, "
     "spring and events from `scene.json`.",

@@ -11,7 +11,7 @@ from stepblocks.parts.shapes import Mesh
 from stepblocks.simulators.scene import Scene, SceneFormat, write_from_template
 
 
-def _write(folder: Path, scene: Scene) -> None:
+def _write_scene(folder: Path, scene: Scene) -> None:
     """Write the scene of a block, and the script that drags its tip."""
     block = {"scene": scene, "y": 0.0, "prefix": ""}
     write_from_template(folder / "scene.xml", name=scene.stimulus.id, blocks=[block], reach=None)
@@ -75,7 +75,7 @@ MUJOCO = SceneFormat(
     name="mujoco",
     title="MuJoCo",
     unit="metres",
-    write=_write,
+    write=_write_scene,
     write_set=_write_set,
     write_tooth=_write_tooth,
     run=(

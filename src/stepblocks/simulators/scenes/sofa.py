@@ -11,7 +11,7 @@ _CM = 1e2
 _OBJ_UNITS = 1e3
 
 
-def _write(folder: Path, scene: Scene) -> None:
+def _write_scene(folder: Path, scene: Scene) -> None:
     """Write the scene, and each convex piece as a mesh in centimetres."""
     for piece in scene.pieces:
         vertices = piece.vertices * (_CM / _OBJ_UNITS)
@@ -36,7 +36,7 @@ SOFA = SceneFormat(
     name="sofa",
     title="SOFA",
     unit="centimetres",
-    write=_write,
+    write=_write_scene,
     run="`runSofa scene.scn`; bind the position of `@device/hand` to your driver (its Geomagic "
     "plugin reports centimetres).",
     settings=(

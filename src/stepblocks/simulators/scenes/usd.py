@@ -6,7 +6,7 @@ from pathlib import Path
 from stepblocks.simulators.scene import Scene, SceneFormat, write_from_template
 
 
-def _write(folder: Path, scene: Scene) -> None:
+def _write_scene(folder: Path, scene: Scene) -> None:
     """Write the stage of a scene."""
     start, height = scene.start_position
     events = json.dumps(scene.parameters()["events"], allow_nan=False)
@@ -25,7 +25,7 @@ USD = SceneFormat(
     name="usd",
     title="USD (UsdPhysics; Isaac Sim, Newton)",
     unit="metres",
-    write=_write,
+    write=_write_scene,
     write_tooth=lambda folder, scan, stations: write_from_template(
         folder / "scene.usda", "tooth.usda", scan=scan, stations=stations, dumps=json.dumps
     ),

@@ -5,7 +5,7 @@ from pathlib import Path
 from stepblocks.simulators.scene import Scene, SceneFormat, write_from_template
 
 
-def _write(folder: Path, scene: Scene) -> None:
+def _write_scene(folder: Path, scene: Scene) -> None:
     """Write the block for any viewer, and with the surface of H3D."""
     extent = float(abs(scene.whole.vertices).max())
     for name, haptic in (("scene.x3d", False), ("scene-h3d.x3d", True)):
@@ -16,7 +16,7 @@ X3D = SceneFormat(
     name="x3d",
     title="X3D (H3D)",
     unit="metres",
-    write=_write,
+    write=_write_scene,
     run="`H3DLoad scene-h3d.x3d`; `scene.x3d` is the same block for every other X3D viewer.",
     settings=(
         "`scene-h3d.x3d` has H3D's FrictionalSurface with absolute stiffness k/S and the static "
