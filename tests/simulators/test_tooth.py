@@ -14,7 +14,7 @@ from oracles.scanned_tooth import FLARE, MARGIN, RADIUS, scan, scanned_set
 from stepblocks.cli import main
 from stepblocks.declaration.read import load_set
 from stepblocks.declaration.set import choose_operating_point
-from stepblocks.parts.margin_line import find_stations_confined, read_tooth_confined
+from stepblocks.parts.margin_line import measure_stations_in_worker, read_tooth_in_worker
 from stepblocks.simulators.assemble import build_scene, lay_out_teeth, resolve_contact
 from stepblocks.simulators.scene import write_tooth
 from stepblocks.simulators.scenes import SCENE_FORMATS
@@ -315,13 +315,13 @@ def test_a_loose_island_over_the_margin_never_answers_for_the_tooth(tmp_path):
     trimesh.util.concatenate([whole, patch]).export(tmp_path / "island.stl")
     whole.export(tmp_path / "tooth.stl")
     clean, found = (
-        find_stations_confined(tmp_path / name, 1e-3, MARGIN, STATIONS, (0.0, 0.0, 1.0), "both")[
-            "stations"
-        ]
+        measure_stations_in_worker(
+            tmp_path / name, 1e-3, MARGIN, STATIONS, (0.0, 0.0, 1.0), "both"
+        )["stations"]
         for name in ("tooth.stl", "island.stl")
     )
     assert np.array_equal(clean, found)
-    delivered = read_tooth_confined(tmp_path / "island.stl", 1e-3, MARGIN)
+    delivered = read_tooth_in_worker(tmp_path / "island.stl", 1e-3, MARGIN)
     assert len(delivered["triangles"]) == len(whole.faces)
 
 

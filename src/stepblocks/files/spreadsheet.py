@@ -35,7 +35,7 @@ def read_sheet(path: Path, raises: type[StepblocksError]) -> RawTable:
     RawTable
         Cells as texts: numbers with a decimal point, dates as ISO 8601 writes them.
     """
-    found = read_confined(f"{__name__}:read_cells_confined", path, raises=raises)
+    found = read_confined(f"{__name__}:read_cells_in_worker", path, raises=raises)
     if found["merged"]:
         raise raises(
             f"cells must not be merged, got {found['merged']}: split them, and write a value into "
@@ -52,7 +52,7 @@ def read_sheet(path: Path, raises: type[StepblocksError]) -> RawTable:
     return RawTable(records, sheet=found["sheet"], notes=tuple(notes))
 
 
-def read_cells_confined(path: Path) -> dict[str, object]:
+def read_cells_in_worker(path: Path) -> dict[str, object]:
     """Read the cells of a sheet as texts; called in the confined process.
 
     Returns

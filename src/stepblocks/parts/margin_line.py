@@ -49,7 +49,7 @@ class _ScannedTooth:
     around: Array  # points on the line, shape (n, 3) [m]
 
 
-def find_stations_confined(
+def measure_stations_in_worker(
     path: Path,
     scale: float,
     margin: list[list[float]],
@@ -148,7 +148,7 @@ def _measure_station(
     station: str,
     path: Path,
 ) -> list[float]:
-    """Measure the sections of one station; return its row of `find_stations_confined`."""
+    """Measure the sections of one station; return its row of `measure_stations_in_worker`."""
     sections = [cut_section(mesh, near, frame) for frame in frames]
     fit = fit_sections(sections, shows)
     if isinstance(fit, Side):
@@ -169,7 +169,7 @@ def _measure_station(
     ]
 
 
-def read_tooth_confined(path: Path, scale: float, margin: list[list[float]]) -> dict[str, object]:
+def read_tooth_in_worker(path: Path, scale: float, margin: list[list[float]]) -> dict[str, object]:
     """Read the surface that a margin runs along, in a confined process: vertices [m], triangles."""
     mesh = _load_tooth(path, scale, margin).mesh
     return {"vertices": np.asarray(mesh.vertices), "triangles": np.asarray(mesh.faces)}

@@ -186,7 +186,7 @@ class ScannedMargin(CrownMargin):
     def read_tooth(self, folder: Path, scale: float = 1.0) -> Mesh:
         """Read the surface that the margin runs along [m], magnified; islands are left out."""
         surface = read_confined(
-            f"{margin_line.__name__}:read_tooth_confined",
+            f"{margin_line.__name__}:read_tooth_in_worker",
             folder / self.mesh,
             _UNITS[self.unit],
             self.margin,
@@ -317,16 +317,16 @@ class ScannedMargin(CrownMargin):
 def _measure_stations(path: Path, changed: int, *arguments: object) -> list[list[float]]:
     """Measure the stations of a mesh in a confined process, once for each state of its file.
 
-    `changed` is when the file was changed; `arguments` are those of `find_stations_confined`.
+    `changed` is when the file was changed; `arguments` are those of `measure_stations_in_worker`.
     Returns a row for each station.
     """
-    reader = f"{margin_line.__name__}:find_stations_confined"
+    reader = f"{margin_line.__name__}:measure_stations_in_worker"
     measured = read_confined(reader, path, *arguments, raises=StimulusError)
     return [list(map(float, row)) for row in measured["stations"]]
 
 
 def _name_station_values(number: int, row: list[float]) -> dict[str, object]:
-    """Name the values of a row of `find_stations_confined` as fields of a `Station`."""
+    """Name the values of a row of `measure_stations_in_worker` as fields of a `Station`."""
     tooth_curvature, crown_slope, crown_curvature, scatter = row[9:]
     return {
         "number": number,
