@@ -341,7 +341,7 @@ def test_draws_of_a_form_come_in_mirrored_pairs():
     x = np.arange(30) * 1e-5
     noise = np.random.default_rng(3).normal(0.0, 1e-8, (30, 30))
     face = fit_face(x, x, 1e-2 * x + noise, np.ones((30, 30), dtype=bool))
-    draws = np.array(face.draws(np.random.default_rng(1)))
+    draws = np.array(face.draw_coefficient_noise(np.random.default_rng(1)))
     half = len(draws) // 2
     np.testing.assert_array_equal(draws[:half], -draws[half:])
     assert len(draws) == _DRAWS
