@@ -46,7 +46,7 @@ def measure(time, force, tool=None):
 
 def test_a_bell_is_taken_for_a_bell_with_its_figures():
     after, _, _ = measure(TIME, COURSE.force(TIME) + noise(TIME.size))
-    assert after.is_bell
+    assert after.rings_freely
     for (value, std), truth in (
         (after.frequency, 287.0),
         (after.decay_time, 17e-3),
@@ -73,7 +73,7 @@ def test_counted_from_the_release_the_amplitude_is_that_of_the_release():
 def test_a_tip_that_rubs_is_taken_for_one_and_tells_its_friction(tool):
     time = RUBBING.clock(tail=0.14)
     after, _, _ = measure(time, rubbed(time) + noise(time.size), tool)
-    assert not after.is_bell
+    assert not after.rings_freely
     assert isinstance(after.ring, RubbingRing)
     assert after.frequency[0] == pytest.approx(270.0, abs=1.0)
     # origin: every half cycle costs the gap
@@ -194,7 +194,7 @@ def test_of_two_fits_that_miss_the_noise_the_one_that_leaves_less_is_taken_at_an
     force = scale * (rubbed(time) + tone + noise(time.size))
     after, _, _ = measure(time, force, (270.0, 28e-3))
     assert after.ring.misfit > 5.0
-    assert not after.is_bell
+    assert not after.rings_freely
     assert after.frequency[0] == pytest.approx(270.0, abs=1.0)
 
 

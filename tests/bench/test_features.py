@@ -122,7 +122,7 @@ def test_a_rubbing_ring_gives_its_friction_and_its_amplitude():
     random = np.random.default_rng(8)
     for _ in range(3):
         found = measure_trace(record_trial(truth, Rig(), random)[0], K, truth.slope / K)
-        assert not found.aftermath.is_bell
+        assert not found.aftermath.rings_freely
         features = found.features
         # origin: each half cycle costs the amplitude twice the friction, four times it per period
         decay = 4.0 * 0.12 * 270.0

@@ -159,7 +159,7 @@ def test_a_tip_flies_while_its_load_is_gone_and_not_where_it_only_touches_zero(l
     normal[peak + 20 : peak + 41] = 0.5 * np.maximum(dip - lowest, 0.0) / (1.0 - lowest)
     motion = Motion(time, force, normal, peak, 0.1, 0.5, 50.0, 1e-3, 300.0)
     assert np.count_nonzero(normal < 0.125) >= 5
-    assert classify_regime(motion, None, is_bell=False) == regime
+    assert classify_regime(motion, None, rings_freely=False) == regime
 
 
 def test_a_record_without_its_teeth_keeps_its_noise():

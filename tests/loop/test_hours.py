@@ -17,7 +17,7 @@ from stepblocks.lawsearch.explain import explain
 from stepblocks.lawsearch.findings import Rules, Verdict
 from stepblocks.lawsearch.law import Law, Parameter
 from stepblocks.lawsearch.run_order import bound_jump_place
-from stepblocks.lawsearch.walk import split_into_levels
+from stepblocks.lawsearch.walk import find_level_starts_by_count
 from stepblocks.loop.bench_model import SessionModel, list_covariate_ranges
 from stepblocks.loop.compose import _estimate_noise_floor
 from stepblocks.loop.session_table import build_session_table
@@ -147,7 +147,7 @@ def test_levels_are_those_of_the_least_sum_of_squares():
         return sum(float(np.sum((part - part.mean()) ** 2)) for part in parts)
 
     tried = [(one, other) for one in range(6, 9) for other in range(one + 6, 15)]
-    two, three = split_into_levels(values)
+    two, three = find_level_starts_by_count(values)
     assert tuple(three) == min(tried, key=lambda pair: cost(*pair))
     assert len(two) == 1
 

@@ -12,7 +12,7 @@ from stepblocks.parts.body import Body, Mounting
 from stepblocks.parts.body_solid import (
     WorkingFace,
     compute_half_volume,
-    compute_strip_volume,
+    compute_section_volume,
     list_half_corners,
     make_body_cuts,
 )
@@ -90,7 +90,7 @@ def test_holes_and_letters_take_away_what_the_kernel_cuts(kind):
 def test_a_strip_of_full_width_is_a_prism():
     body = BODY.model_copy(update={"edge_break": replace(BODY.edge_break, nominal=0.0)})
     triangle = [(0.0, 0.0), (2e-3, 0.0), (0.0, 1e-3)]
-    assert compute_strip_volume(body, 1e-3, triangle) == pytest.approx(
+    assert compute_section_volume(body, 1e-3, triangle) == pytest.approx(
         1e-6 * body.width.nominal, rel=1e-12
     )
 
@@ -99,7 +99,7 @@ def test_a_strip_under_the_chamfers_is_narrower_by_them():
     c, width = BODY.edge_break.nominal, BODY.width.nominal
     square = [(0.0, -c), (1e-3, -c), (1e-3, 0.0), (0.0, 0.0)]
     # between z = -c and 0 the width falls linearly from W to W - 2c
-    assert compute_strip_volume(BODY, 0.0, square) == pytest.approx(
+    assert compute_section_volume(BODY, 0.0, square) == pytest.approx(
         1e-3 * c * (width - c), rel=1e-12
     )
 

@@ -190,6 +190,6 @@ def _iterate_fitted_curves(trace: Trace, measurement: Measurement) -> Iterator[_
     ringing = time[time >= after.ring.origin]
     force = after.ring.compute_curve(ringing)
     hum = np.zeros_like(ringing)  # a damped ring was fitted with its hum
-    if not after.is_bell:
+    if not after.rings_freely:
         hum = approach.compute_hum(ringing)
     yield _Curve("ring", ringing + measurement.start, force + hum)

@@ -51,7 +51,7 @@ def _read_trial_counts(text: str) -> dict[str, int]:
     return {block: read(count) for block, count in pairs.items()}
 
 
-def _read_shares(text: str) -> dict[str, float]:
+def _read_energy_shares(text: str) -> dict[str, float]:
     """Read energy shares by condition, as ``name=share`` or from a set with sheaths."""
     if text.endswith(".toml"):
         from stepblocks.predict.sheaths import find_energy_shares
@@ -67,7 +67,7 @@ Damping = Annotated[
     typer.Option(
         "--damping",
         metavar="A=X,B=Y",
-        parser=_read_shares,
+        parser=_read_energy_shares,
         help="share of the energy that each condition lets through, such as bare=1,soft=0.5; or a "
         "stimulus file with sheaths",
         rich_help_panel=_OBSERVER,
@@ -78,7 +78,7 @@ Noisier = Annotated[
     typer.Option(
         "--noisier",
         metavar="A=X,B=Y",
-        parser=_read_shares,
+        parser=_read_energy_shares,
         help="factor on the response noise of each condition, such as soft=3",
         rich_help_panel=_OBSERVER,
     ),

@@ -278,7 +278,7 @@ class StimulusSet(Table):
         for name in self.order.quantities:
             if name not in declared:
                 yield f"order.quantities must name parts of the set, got {name!r}"
-        for name in _list_repeated(declared):
+        for name in _list_repeats(declared):
             yield (
                 f"id must be unique in its set, got {name!r} twice; in a series it names what "
                 f"varies, such as '{name}-{{height_um:03}}'"
@@ -296,7 +296,7 @@ class StimulusSet(Table):
                 return
 
 
-def _list_repeated(names: Sequence[str]) -> list[str]:
+def _list_repeats(names: Sequence[str]) -> list[str]:
     """List names as often as they repeat an earlier one, by their first appearance."""
     repeated: list[str] = []
     for name, count in Counter(names).items():

@@ -249,7 +249,7 @@ def fit_face(x: Array, y: Array, height: Array, face: Mask) -> FaceForm:
     along_x = _Axis(x, x[columns[0]], x[columns[-1]], len(columns))
     along_y = _Axis(y, y[rows[0]], y[rows[-1]], len(rows))
     powers = _list_powers(along_x.degree, along_y.degree)
-    design = _evaluate_terms(
+    design = _evaluate_legendre_terms(
         along_x.compute_scaled_positions()[np.newaxis, :],
         along_y.compute_scaled_positions()[:, np.newaxis],
         powers,
@@ -303,7 +303,7 @@ def _sample_on_grid(
         along_y.find_first_at_or_after(grid[:, 1]), along_x.find_first_at_or_after(grid[:, 0])
     ]
     scaled = scaled[inside]
-    columns = _evaluate_terms(scaled[:, 0], scaled[:, 1], powers)
+    columns = _evaluate_legendre_terms(scaled[:, 0], scaled[:, 1], powers)
     return replace(form, grid=grid[inside], columns=columns)
 
 
@@ -351,11 +351,11 @@ def _list_powers(degree_x: int, degree_y: int) -> list[_Powers]:
     return powers
 
 
-def _evaluate_terms(x: Array, y: Array, powers: list[_Powers]) -> Array:
+def _evaluate_legendre_terms(x: Array, y: Array, degrees: list[_Powers]) -> Array:
     """Return products of Legendre's polynomials at positions from -1 to 1, one row a term [1]."""
     basis = np.polynomial.Legendre.basis
     terms = []
-    for term in powers:
+    for term in degrees:
         terms.append(np.asarray(basis(term.x)(x) * basis(term.y)(y)))
     return np.stack(terms)
 

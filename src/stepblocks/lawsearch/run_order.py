@@ -14,8 +14,8 @@ from stepblocks.lawsearch.structure import estimate_errors_in_order
 from stepblocks.lawsearch.walk import (
     compute_wave,
     compute_wave_std,
+    find_level_starts_by_count,
     fit_random_walk,
-    split_into_levels,
 )
 
 # correlation of a reading with the one before, from which it counts as going with time
@@ -125,7 +125,7 @@ def add_jump_places(
     for name, errors in estimate_errors_in_order(problem, base).items():
         if name not in quantities:
             continue
-        for first in split_into_levels(errors.values):
+        for first in find_level_starts_by_count(errors.values):
             before, after = order[errors.rows][first - 1], order[errors.rows][first]
             places[name, len(first)] = 0.5 * (before + after)
     extended = []

@@ -74,7 +74,7 @@ def compute_wave_std(n: int, wave: int, step: float) -> float:
     return float(step / (2.0 * np.sin(0.5 * np.pi * wave / n)))
 
 
-def split_into_levels(values: Floats) -> list[NDArray[np.intp]]:
+def find_level_starts_by_count(values: Floats) -> list[NDArray[np.intp]]:
     """Split values in order into two levels, three, and so on, by least squares.
 
     Returns

@@ -117,7 +117,7 @@ class SessionModel:
     quantities: ClassVar = ("friction", "normal_load", "conversion")
 
     @property
-    def known_values(self) -> dict[str, float]:
+    def known_gauge_constants(self) -> dict[str, float]:
         """Values of the constants of the gauges that are known."""
         return {name: value for name, (value, _) in self.known.items()}
 
@@ -206,7 +206,7 @@ class SessionModel:
         self, trials: Trials, values: Mapping[str, float | Floats], effects: Active = ()
     ) -> DragState:
         """Fill all slots, effects applied; of several sessions with the constants of each."""
-        constants: dict[str, float | Floats] = {**self.known_values}
+        constants: dict[str, float | Floats] = {**self.known_gauge_constants}
         if self.own:
             sessions = trials.covariates["session"].tolist()
             values = {**values, **_spread_daily_values(values, sessions)}

@@ -190,7 +190,7 @@ def _join_models(tables: Mapping[str, SessionTable]) -> SessionModel:
         known[name] = value, std
     own = {}
     for session, model in models.items():
-        own[session] = model.known_values
+        own[session] = model.known_gauge_constants
     first = next(iter(models.values()))
     return replace(first, scanned=scanned, known=known, own=own)
 

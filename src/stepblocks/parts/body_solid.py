@@ -243,7 +243,7 @@ class _Edge:
         return self.x0 + share * (self.x1 - self.x0), self.z0 + share * (self.z1 - self.z0)
 
 
-def compute_strip_volume(body: Body, top: float, polygon: list[Point]) -> float:
+def compute_section_volume(body: Body, top: float, polygon: list[Point]) -> float:
     """Compute the volume that a section polygon (x, z) takes out of a half [m^3].
 
     The sides are chamfered from `edge_break` below `top` [m] on: a contour integral of W(z) x dz.

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from stepblocks.contact.relieved_step import RelievedStep, describe_least_riding_ball
 from stepblocks.parts.body import Body
-from stepblocks.parts.body_solid import compute_strip_volume
+from stepblocks.parts.body_solid import compute_section_volume
 from stepblocks.parts.characteristics import (
     MICROSCOPE,
     Characteristic,
@@ -82,7 +82,7 @@ class Relief(Table):
 
     def compute_volume(self, body: Body) -> float:
         """Compute what it takes away, between the chamfered sides of the lower face [m^3]."""
-        return compute_strip_volume(body, 0.0, [(0.0, 0.0), *self.corners])
+        return compute_section_volume(body, 0.0, [(0.0, 0.0), *self.corners])
 
     def cut_half(self, left: Manifold) -> list[Manifold]:
         """Cut the left half of a block into the piece before it and the piece under it."""

@@ -87,7 +87,7 @@ def _convert_pair(arrays: Any, unit: str | None) -> ScannedProfile:
     """Make a profile of two rows, positions and heights."""
     if _count_rows(arrays) != 2:
         raise MetrologyError(
-            f"scan must be a file, a table, or two rows, x and z, got {_describe_arrays(arrays)}"
+            f"scan must be a file, a table, or two rows, x and z, got {_describe_argument(arrays)}"
         )
     x, z = arrays
     return _make_profile(x, z, unit)
@@ -166,14 +166,16 @@ def _convert_numbers(values: Any, axis: str) -> Array:
             return np.asarray(values.astype("Float64").to_numpy(dtype=np.float64, na_value=np.nan))
         return np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise MetrologyError(f"{axis} must hold numbers, got {_describe_arrays(values)}") from error
+        raise MetrologyError(
+            f"{axis} must hold numbers, got {_describe_argument(values)}"
+        ) from error
 
 
-def _describe_arrays(arrays: Any) -> str:
+def _describe_argument(value: Any) -> str:
     """Describe an array by its shape; to write a million numbers takes longer than to read them."""
-    if hasattr(arrays, "shape"):
-        return f"shape {np.shape(arrays)}"
-    return shorten_value(arrays)
+    if hasattr(value, "shape"):
+        return f"shape {np.shape(value)}"
+    return shorten_value(value)
 
 
 def _convert_labelled_array(array: Any, unit: str | None) -> ScannedProfile | HeightMap:

@@ -74,7 +74,7 @@ def list_rows(check: SessionCheck) -> list[CheckRow]:
             texts.BY_TRIAL,
             "",
             _format_ratio(check.load),
-            _judge(check.load.contradicts, check.load.slip),
+            _describe_verdict(check.load.contradicts, check.load.slip),
         )
         rows.append(row)
     if check.rate is not None:
@@ -98,7 +98,7 @@ def _make_spring_row(spring: CalibrationCheck, declared: float) -> CheckRow:
         texts.NEWTON_PER_MILLIMETRE.format(value=f"{constant:.{_DIGITS}g}"),
         texts.NEWTON_PER_MILLIMETRE.format(value=texts.INTERVAL.format(**written)),
         _format_ratio(spring),
-        _judge(spring.contradicts, spring.slip),
+        _describe_verdict(spring.contradicts, spring.slip),
     )
 
 
@@ -109,7 +109,7 @@ def _make_rate_row(rate: RateCheck) -> CheckRow:
         _format_frequency(rate.declared),
         _format_frequency(rate.declared * rate.shown),
         _format_ratio(rate),
-        _judge(rate.contradicts, rate.slip),
+        _describe_verdict(rate.contradicts, rate.slip),
     )
 
 
@@ -125,7 +125,7 @@ def _format_ratio(check: CalibrationCheck | RateCheck) -> str:
     return texts.INTERVAL.format(**written)
 
 
-def _judge(contradicts: bool, slip: float | None) -> str:
+def _describe_verdict(contradicts: bool, slip: float | None) -> str:
     """Say whether the declaration stands, and near which factor it does not."""
     if not contradicts:
         return texts.AGREES

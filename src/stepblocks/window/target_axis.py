@@ -142,7 +142,7 @@ class TargetAxis:
                 mark = ui.element("div").classes("axis-target").mark(f"target-{number}")
                 label = texts.TARGET.format(number=number + 1)
                 mark.props(f'role=slider tabindex=0 data-target={number} aria-label="{label}"')
-                mark.on("keydown", self._make_key_handler(number), js_handler=keys)
+                mark.on("keydown", self._make_target_key_handler(number), js_handler=keys)
                 self._marks.append(mark)
 
     def _place_marks(self) -> None:
@@ -195,8 +195,10 @@ class TargetAxis:
             self._held = None
             self._on_release()
 
-    def _make_key_handler(self, number: int) -> Callable[[events.GenericEventArguments], None]:
-        """Return what a key does at a target."""
+    def _make_target_key_handler(
+        self, number: int
+    ) -> Callable[[events.GenericEventArguments], None]:
+        """Return a handler of keys at a target, which move it or take it away."""
 
         def handle_key(event: events.GenericEventArguments) -> None:
             """Take the target away, or move it by a step."""

@@ -263,7 +263,7 @@ def _draw_step_detail(sheet: Sheet, edge: _EdgeDetail) -> None:
     sheet.lead_to_characteristic(f"{edge.prefix}edge_radius", step.edge_middle, elbow, "R {}")
     _draw_edge_states(sheet, edge, step)
     if f"{edge.prefix}riser_angle" in sheet.listed:
-        _draw_riser_demands(sheet, edge, top)
+        _draw_riser_angle_and_straightness(sheet, edge, top)
     if edge.prefix:
         _draw_demands_behind(sheet, edge, top)
     else:
@@ -328,7 +328,7 @@ def _draw_edge_states(sheet: Sheet, edge: _EdgeDetail, step: _StepOnPaper) -> No
     sheet.draw_edge_state((x, lower), (x + 10.0, lower - 7.0), root_state)
 
 
-def _draw_riser_demands(sheet: Sheet, edge: _EdgeDetail, top: float) -> None:
+def _draw_riser_angle_and_straightness(sheet: Sheet, edge: _EdgeDetail, top: float) -> None:
     """Draw angle and straightness of the riser."""
     x, lower = edge.origin
     middle = lower + 0.35 * (top - lower)

@@ -126,7 +126,7 @@ class Aftermath:
     is_late: bool = False
 
     @property
-    def is_bell(self) -> bool:
+    def rings_freely(self) -> bool:
         """Whether it rings like a bell; else its tip rubs."""
         return self.swing is None
 

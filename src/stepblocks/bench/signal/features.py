@@ -312,7 +312,7 @@ def measure_trace(
     )
     sympathetic = measure_sympathetic_force(time, normal, approach, after)
     shares = compute_band_shares(time, force, approach, after, peak)
-    regime = classify_regime(motion, saw, is_bell=after.is_bell)
+    regime = classify_regime(motion, saw, rings_freely=after.rings_freely)
     if not speed > 0.0:  # a handle at rest has no ramp
         speed = math.nan
     return Measurement(
@@ -362,7 +362,7 @@ def _fit_release(
     after = fit_aftermath(time, force, marks, approach, tool)
     peak = find_peak(time, force, marks, approach, after)
     if (
-        peak.corner and after.is_bell and not after.is_late
+        peak.corner and after.rings_freely and not after.is_late
     ):  # which sample is the highest is a matter of noise
         noise = estimate_sliding_noise(time, approach, marks)
         after = fit_bell(time, force, peak.time, approach.mains_frequency, noise)

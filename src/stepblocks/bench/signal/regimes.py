@@ -28,7 +28,7 @@ class Regime(StrEnum):
     STICK_SLIP = "stick-slip"
 
 
-def classify_regime(motion: Motion, saw: Sawtooth | None, *, is_bell: bool) -> Regime:
+def classify_regime(motion: Motion, saw: Sawtooth | None, *, rings_freely: bool) -> Regime:
     """Say what the tip did.
 
     Parameters
@@ -36,12 +36,12 @@ def classify_regime(motion: Motion, saw: Sawtooth | None, *, is_bell: bool) -> R
     motion : Motion
     saw : Sawtooth or None
         What the tip drew before the edge.
-    is_bell : bool
+    rings_freely : bool
         Whether a damped cosine explains the ring, as of a tool whose tip hangs free.
     """
     if saw is not None:
         return Regime.STICK_SLIP
-    if is_bell:
+    if rings_freely:
         return Regime.SNAP
     if _flies(motion):
         return Regime.FLIGHT

@@ -93,7 +93,7 @@ class RingBasis:
         frequency, decay_time, release_decay, *cubic = shape.tolist()
         columns = [np.exp(-since / release_decay)[:, None]]
         if self.is_bent:
-            columns.append(_build_overtones(since, shape))
+            columns.append(_build_squared_ring_columns(since, shape))
         if cubic:
             tool = _HardeningTool(frequency, decay_time, *cubic)
             columns.append(tool.build_columns(since, self.about))
@@ -229,7 +229,7 @@ def fit_ring(
     shape = ring.fit.shape
     since = time - origin
     rings = [ring]
-    if ring.fit.would_gain_from(_build_overtones(since, shape)):
+    if ring.fit.would_gain_from(_build_squared_ring_columns(since, shape)):
         rings.append(_fit_damped(time, force, replace(ring.basis, is_bent=True), noise, shape))
     basis = replace(ring.basis, about=_find_level_in_amplitudes(ring))
     hard_shape = np.append(shape, _LITTLE)
@@ -289,7 +289,7 @@ def _fit_damped(time: Array, force: Array, basis: RingBasis, noise: float, start
     )
 
 
-def _build_overtones(since: Array, shape: Array) -> Array:
+def _build_squared_ring_columns(since: Array, shape: Array) -> Array:
     """Return what the square of a ring holds, (n, 3): a level that dies with it, its octave."""
     frequency, decay_time = shape[:2].tolist()
     level = np.exp(-2.0 * since / decay_time)

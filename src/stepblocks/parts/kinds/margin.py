@@ -10,7 +10,7 @@ from stepblocks.parts.body import Block, Body, Stock
 from stepblocks.parts.body_solid import (
     WorkingFace,
     compute_half_volume,
-    compute_strip_volume,
+    compute_section_volume,
     list_half_corners,
     make_body_cuts,
 )
@@ -128,7 +128,7 @@ class MarginBlock(CrownMargin, Block):
         if has_lip:
             above = [(gap, gap), (0.0, gap)]
         gap_section = [(0.0, -depth), (gap, -depth), *above]
-        volume = left + right - compute_strip_volume(self.body, self.rise, gap_section)
+        volume = left + right - compute_section_volume(self.body, self.rise, gap_section)
         if has_lip:
             volume += self._compute_lip_volume()
         return (volume - self.removed_volume,)

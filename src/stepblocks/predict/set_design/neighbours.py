@@ -136,7 +136,7 @@ def _compute_log_energy_changes(
         return np.zeros_like(deviation)
     ends = []
     for side in (-reached, reached):
-        energy = _measure_deviated_energy(block, point, name, side, backward)
+        energy = _predict_deviated_energy(block, point, name, side, backward)
         ends.append(math.log(energy / block.energy))
     low, high = ends
     if math.isnan(low):
@@ -150,7 +150,7 @@ def _compute_log_energy_changes(
     return slope * share + curvature * share * share
 
 
-def _measure_deviated_energy(
+def _predict_deviated_energy(
     block: Felt, point: OperatingPoint, name: str, deviation: float, backward: bool
 ) -> float:
     """Drag where one input deviates [SI]; return the energy of the ring [J], NaN without one."""

@@ -188,7 +188,9 @@ def fit_psychometric(
     start = _guess_start(likelihood.log_levels, counts)
     best = _maximise_from_starts(likelihood, start)
     # what a spread of zero loses more; where that is nothing, all small spreads fit alike
-    sharper = float(likelihood.compute_loss_of(_fit_step_functions(counts)).min()) - float(best.fun)
+    sharper = float(likelihood.compute_loss_of(_predict_step_functions(counts)).min()) - float(
+        best.fun
+    )
     middle = _estimate_by_profile(likelihood, best, _MIDDLE, start)
     log_spread = _estimate_by_profile(likelihood, best, _LOG_SPREAD, start)
     trials = f"{counts.totals.sum():.0f} trials"
@@ -332,7 +334,7 @@ def assess_fit(p: Array, slopes: Array, hits: Array, totals: Array) -> FitQualit
     return FitQuality(float(observed) / max(len(p) - _PARAMETERS, 1), share)
 
 
-def _fit_step_functions(counts: _Counts) -> Array:
+def _predict_step_functions(counts: _Counts) -> Array:
     """Return what functions of no spread predict, shape (2, n, n), one with a step at each level.
 
     At the step there is any share between the lapses. The lapse rate is that of the other levels

@@ -133,7 +133,7 @@ def list_rows(analysis: Analysis, findings: Sequence[Finding]) -> Rows:
         yield from _list_log_error(log_error)
     yield from _list_ratings(analysis)
     for setting in analysis.comparisons:
-        yield from _list_setting(setting)
+        yield from _list_psychometric_functions(setting)
     yield from _list_contrasts(analysis)
     for law in analysis.power_laws:
         yield from _list_power_law(law, named=len(analysis.power_laws) > 1)
@@ -399,7 +399,7 @@ def _make_ratio_row(analysis: AnalysisName, before: str, interval: Interval) -> 
     return _make_row(analysis, quantity, interval.bounds.transform(math.exp), p=interval.p)
 
 
-def _list_setting(setting: Comparisons) -> Rows:
+def _list_psychometric_functions(setting: Comparisons) -> Rows:
     """Yield the psychometric functions of the group and of each participant in one setting."""
     where = f"{setting.setting}: " if setting.setting else ""
     yield from _list_population(setting, where)
