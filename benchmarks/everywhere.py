@@ -31,6 +31,7 @@ from pathlib import Path
 from typing import Any
 
 import portable
+from joblib import cpu_count
 
 ROOT = Path(__file__).resolve().parents[1]
 KEPT = ROOT / "out" / "everywhere"
@@ -170,10 +171,10 @@ def limit_threads(count: int) -> dict[str, str]:
     return {"OMP_NUM_THREADS": str(count), "OPENBLAS_NUM_THREADS": str(count)}
 
 
-def list_cells() -> list[Cell]:
+def list_cells(machines: Sequence[Machine]) -> list[Cell]:
     """List the cells of all machines."""
     cells = []
-    for machine in list_machines():
+    for machine in machines:
         for part in machine.cells:
             cells.append(Cell(machine, part))
     return cells
@@ -339,36 +340,41 @@ def run_cell(cell: Cell, state: str, commit: str) -> Outcome:
     return Outcome(state, commit, outcome, seconds=seconds, counts=counts, files=files)
 
 
-def run_cells(cells: Sequence[Cell], state: str, most_seconds: float) -> Iterator[str]:
+def run_cells(
+    cells: Sequence[Cell], state: str, most_seconds: float
+) -> Iterator[tuple[Cell, Outcome]]:
     """Run cells, those of one process as many at a time as there are cores.
 
     Yields
     ------
-    str
-        Name of a cell whose outcome the record holds now.
+    cell : Cell
+        One that was begun in time.
+    outcome : Outcome
     """
     commit = describe_commit()
     started = time.monotonic()
 
     def run_in_time(cell: Cell) -> Outcome | None:
+        """Run a cell; return None where the time is over."""
         if time.monotonic() - started > most_seconds:
             return None
         return run_cell(cell, state, commit)
 
     alone = [cell for cell in cells if cell.part not in ONE_PROCESS]
     beside = [cell for cell in cells if cell.part in ONE_PROCESS]
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    with ThreadPoolExecutor(cpu_count()) as pool:
         outcomes = pool.map(run_in_time, beside)
         for cell, outcome in zip(beside, outcomes, strict=True):
-            yield from note_outcome(cell, outcome)
+            if outcome is not None:
+                yield cell, outcome
     for cell in alone:
-        yield from note_outcome(cell, run_in_time(cell))
+        outcome = run_in_time(cell)
+        if outcome is not None:
+            yield cell, outcome
 
 
-def note_outcome(cell: Cell, outcome: Outcome | None) -> Iterator[str]:
-    """Put an outcome into the record at once, say it, and yield the name of its cell."""
-    if outcome is None:
-        return
+def note_outcome(cell: Cell, outcome: Outcome) -> None:
+    """Say an outcome, and put it into the record at once."""
     print(f"{cell.name} {outcome.outcome} {outcome.seconds} s", file=sys.stderr, flush=True)
     record = read_record()
     record[cell.name] = outcome
@@ -377,7 +383,6 @@ def note_outcome(cell: Cell, outcome: Outcome | None) -> Iterator[str]:
     draft = RECORD.with_suffix(".draft")
     draft.write_text(json.dumps(document, indent=1), encoding="utf-8")
     draft.replace(RECORD)
-    yield cell.name
 
 
 def read_record() -> dict[str, Outcome]:
@@ -388,53 +393,102 @@ def read_record() -> dict[str, Outcome]:
     return {name: Outcome(**values) for name, values in document.items()}
 
 
-def find_differing_files(machine: Machine, outcomes: Mapping[str, Outcome]) -> list[str]:
+@dataclass(frozen=True)
+class MachineResult:
+    """What was run on a machine, and how it ended.
+
+    Attributes
+    ----------
+    machine : Machine
+    outcomes : dict[str, Outcome]
+        By the part of its work.
+    differing : list[str]
+        Files with other bytes than on the first machine with the same libraries.
+    """
+
+    machine: Machine
+    outcomes: dict[str, Outcome]
+    differing: list[str]
+
+    @property
+    def passes(self) -> bool:
+        """Whether all of its work was done and is right."""
+        is_whole = len(self.outcomes) == len(self.machine.cells)
+        return is_whole and not self.list_faults()
+
+    def list_faults(self) -> list[str]:
+        """List what is wrong, in words."""
+        faults = []
+        for part, outcome in self.outcomes.items():
+            if outcome.outcome != "passes":
+                faults.append(f"{part} {outcome.outcome} {outcome.why}".strip())
+        if self.differing:
+            faults.append("bytes differ")
+        return faults
+
+    def format_row(self) -> str:
+        """Return the row of the table."""
+        result = "; ".join(self.list_faults())
+        if not result:
+            result = "passes" if self.outcomes else "not run"
+        said = []
+        for kind in COUNTED[:3]:
+            count = sum(outcome.counts.get(kind, 0) for outcome in self.outcomes.values())
+            said.append(f"{count} {kind}")
+        missing = [part for part in self.machine.cells if part not in self.outcomes]
+        if missing:
+            said.append(f"not run: {', '.join(missing)}")
+        said += self._describe_files()
+        return f"| {self.machine.name} | {result} | {', '.join(said)} |"
+
+    def _describe_files(self) -> list[str]:
+        """Return how many files were built, or which of them differ; empty where none were."""
+        if self.differing:
+            return [f"{len(self.differing)} files differ: {', '.join(self.differing[:3])}"]
+        built = self.outcomes.get(BYTES)
+        if built is None or not built.files:
+            return []
+        return [f"{len(built.files)} files"]
+
+
+def find_differing_files(
+    machine: Machine, machines: Sequence[Machine], outcomes: Mapping[str, Outcome]
+) -> list[str]:
     """List the files of a machine that have other bytes than those of the first like it.
 
     Other versions of a kernel or a writer of meshes may write other bytes; the same ones must not.
     """
-    for likely in list_machines():
-        reference = outcomes.get(Cell(likely, BYTES).name)
-        if likely.resolution == machine.resolution and reference is not None:
-            break
-    else:
+    own = outcomes.get(Cell(machine, BYTES).name)
+    if own is None:
         return []
-    files = outcomes[Cell(machine, BYTES).name].files
+    alike = [known for known in machines if known.resolution == machine.resolution]
+    reference = own.files
+    for known in alike:
+        built = outcomes.get(Cell(known, BYTES).name)
+        if built is not None:
+            reference = built.files
+            break
     differing = []
-    for name in sorted(reference.files.keys() | files.keys()):
-        if reference.files.get(name) != files.get(name):
+    for name in sorted(reference.keys() | own.files.keys()):
+        if reference.get(name) != own.files.get(name):
             differing.append(name)
     return differing
 
 
-def describe_machine(machine: Machine, outcomes: Mapping[str, Outcome]) -> str:
-    """Return the line of the table that says what was run on a machine and how it ended."""
-    wrong = []
-    missing = []
-    totals = dict.fromkeys(COUNTED[:3], 0)
-    of_files = []
-    for part in machine.cells:
-        outcome = outcomes.get(Cell(machine, part).name)
-        if outcome is None:
-            missing.append(part)
-            continue
-        if outcome.outcome != "passes":
-            wrong.append(f"{part} {outcome.outcome} {outcome.why}".strip())
-        for kind in totals:
-            totals[kind] += outcome.counts.get(kind, 0)
-        if outcome.files:
-            differing = find_differing_files(machine, outcomes)
-            of_files.append(f"{len(outcome.files)} files")
-            if differing:
-                of_files = [f"{len(differing)} files differ: {', '.join(differing[:3])}"]
-                wrong.append("bytes differ")
-    said = [f"{count} {kind}" for kind, count in totals.items()]
-    if missing:
-        said.append(f"not run: {', '.join(missing)}")
-    result = "; ".join(wrong)
-    if not wrong:
-        result = "not run" if len(missing) == len(machine.cells) else "passes"
-    return f"| {machine.name} | {result} | {', '.join([*said, *of_files])} |"
+def judge_machines(
+    machines: Sequence[Machine], outcomes: Mapping[str, Outcome]
+) -> list[MachineResult]:
+    """Gather the outcomes of the cells of each machine, by the names of the cells."""
+    results = []
+    for machine in machines:
+        of_parts = {}
+        for part in machine.cells:
+            name = Cell(machine, part).name
+            if name in outcomes:
+                of_parts[part] = outcomes[name]
+        differing = find_differing_files(machine, machines, outcomes)
+        results.append(MachineResult(machine, of_parts, differing))
+    return results
 
 
 def parse_arguments() -> argparse.Namespace:
@@ -451,8 +505,9 @@ def parse_arguments() -> argparse.Namespace:
 def main() -> int:
     """Run the cells that are asked for and print the table."""
     arguments = parse_arguments()
+    machines = list_machines()
     state = compute_state()
-    asked = list_cells()
+    asked = list_cells(machines)
     if arguments.word:
         asked = [cell for cell in asked if any(word in cell.name for word in arguments.word)]
     outcomes = {}
@@ -463,19 +518,17 @@ def main() -> int:
     if arguments.list:
         print("\n".join(cell.name for cell in pending))
         return 0
-    for name in run_cells(pending, state, 60.0 * arguments.minutes):
-        outcomes[name] = read_record()[name]
-    machines = list_machines()
+    for cell, outcome in run_cells(pending, state, 60.0 * arguments.minutes):
+        note_outcome(cell, outcome)
+        outcomes[cell.name] = outcome
+    results = judge_machines(machines, outcomes)
     print("| machine | outcome | tests |\n|---|---|---|")
-    passing = 0
-    differs = False
-    for machine in machines:
-        line = describe_machine(machine, outcomes)
-        differs |= "differ" in line
-        passing += "| passes |" in line and "not run" not in line
-        if any(cell.machine == machine for cell in asked):
-            print(line)
+    for result in results:
+        if any(cell.machine == result.machine for cell in asked):
+            print(result.format_row())
+    passing = sum(result.passes for result in results)
     print(f"\n{passing} of {len(machines)} machines pass")
+    differs = any(result.differing for result in results)
     failed = False
     for cell in asked:
         if cell.name in outcomes:

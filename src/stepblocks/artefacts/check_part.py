@@ -209,7 +209,7 @@ def _check_textures(report: StepReport, part: Part, matches: Sequence[Match]) ->
             working_faces.update(match.stated.faces)
     roughness = part.face_demands["roughness"].upper
     textured_faces = {texture.face for texture in report.textures}
-    # a roughness that is not a number is none of the demanded one
+    # NaN, of a roughness without its unit, is within no limit
     is_as_rough = all(abs(texture.roughness - roughness) <= ALLOWED for texture in report.textures)
     if textured_faces != working_faces or not is_as_rough:
         yield f"surface texture: every working face must have Ra {roughness * 1e6:g} um"
@@ -224,7 +224,8 @@ def _check_density(report: StepReport, part: Part) -> Iterator[str]:
             yield f"density must not be stated, got {found}"
         return
     ratios = [value / density.value for value in report.densities]
-    if not ratios or any(abs(ratio - 1.0) > _DENSITY_LIMIT for ratio in ratios):
+    is_as_dense = all(abs(ratio - 1.0) <= _DENSITY_LIMIT for ratio in ratios)
+    if not ratios or not is_as_dense:
         yield f"density must be {density.value:g} kg/m^3, got {found}"
 
 

@@ -2,8 +2,8 @@
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
 from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,10 @@ _BATCH = 16  # effects or shapes in one product of matrices: all of them would f
 # what laws share which change a state alike: the change, the step of its difference, and the
 # covariate where the model computes it
 _SlopeKey = tuple[Callable[..., object], float, str]
+
+# sizes of laws that follow columns of a table, which each scoring needs again; those of a table go
+# with it
+_SIZES_BY_TABLE: WeakKeyDictionary[Trials, dict[Hashable, Floats]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True)
@@ -280,6 +284,7 @@ def _span_sized_laws(
     for member in members:
         slope, of_law = _find_sizes(problem, base, member, shared)
         sizes.append(of_law)
+    # the last slope is that of all members
     turned = view.turn(slope[:, :, None])[:, :, 0]
     together = np.concatenate(sizes, axis=1)
     seen = view.see_sized(turned, np.where(np.isfinite(together), together, 0.0))
@@ -367,37 +372,34 @@ def _find_sizes(
     law = shaped.law
     apply = law.apply
     assert isinstance(apply, SizedChange)
-    key = _name_slope(problem, law)
+    slope_key = _name_slope(problem, law)
     follows_table = _follows_table(problem, law)
-    kept = _keep_sizes(problem.trials) if follows_table else {}
+    kept: dict[Hashable, Floats] = {}
+    if follows_table:
+        kept = _SIZES_BY_TABLE.setdefault(problem.trials, kept)
     scales = tuple(p.scale for p in law.amplitude_parameters)
-    name = apply, law.covariate, scales, tuple(shaped.shape.items())
-    if key in shared.slopes and name in kept:
-        return shared.slopes[key], kept[name]
-    followed = law.covariate if follows_table else key
+    size_key = apply, law.covariate, scales, tuple(shaped.shape.items())
+    if slope_key in shared.slopes and size_key in kept:
+        return shared.slopes[slope_key], kept[size_key]
+    followed = law.covariate if follows_table else slope_key
     column = problem.trials.covariates.get(law.covariate, shared.columns.get(followed))
-    if key not in shared.slopes or column is None:
+    if slope_key not in shared.slopes or column is None:
         neutral = list_starts(law.parameters) | dict(shaped.shape)
         effects = [*base.effects, law]
         values = base.values | law.name_values(neutral)
-        slope, column = differentiate_size(problem, effects, values, apply, base.predicted, key[1])
-        shared.slopes.setdefault(key, slope)
+        slope, column = differentiate_size(
+            problem, effects, values, apply, base.predicted, slope_key[1]
+        )
+        shared.slopes.setdefault(slope_key, slope)
         shared.columns[followed] = column
-    if name not in kept:
-        kept[name] = _compute_sizes(shaped, column)
-    return shared.slopes[key], kept[name]
+    if size_key not in kept:
+        kept[size_key] = _compute_sizes(shaped, column)
+    return shared.slopes[slope_key], kept[size_key]
 
 
 def _follows_table(problem: Problem, law: Law) -> bool:
     """Tell whether what a law follows is made of the table alone, whatever the model computes."""
     return law.covariate in problem.trials.covariates or bool(law.columns)
-
-
-@lru_cache(maxsize=1)  # the table that is searched
-def _keep_sizes(trials: Trials) -> dict[Hashable, Floats]:
-    """Keep the sizes of laws that follow columns of a table: each scoring needs them again."""
-    del trials
-    return {}
 
 
 def _compute_sizes(shaped: _ShapedLaw, column: NDArray[np.generic]) -> Floats:

@@ -209,14 +209,10 @@ def _list_errors(
     within: Holdout, between: Holdout, floor: NoiseFloor
 ) -> tuple[ModelErrors, ModelErrors]:
     """List the errors on held-out trials of the nominal and of the extended model."""
-    energy, force = (
-        within.compute_nominal_and_extended_rms(ENERGY),
-        within.compute_nominal_and_extended_rms(PEAK_FORCE),
-    )
-    energy_blocks, force_blocks = (
-        between.compute_nominal_and_extended_rms(ENERGY),
-        between.compute_nominal_and_extended_rms(PEAK_FORCE),
-    )
+    energy = within.compute_nominal_and_extended_rms(ENERGY)
+    force = within.compute_nominal_and_extended_rms(PEAK_FORCE)
+    energy_blocks = between.compute_nominal_and_extended_rms(ENERGY)
+    force_blocks = between.compute_nominal_and_extended_rms(PEAK_FORCE)
     of_nominal, of_extended = zip(energy, force, energy_blocks, force_blocks, strict=True)
     nominal = ModelErrors(*of_nominal, noise_floor=floor)
     extended = ModelErrors(*of_extended, noise_floor=floor)

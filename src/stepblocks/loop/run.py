@@ -426,7 +426,7 @@ def _explain_and_hold_out(
     if announce:
         announce_first = partial(announce, 1, 1 + len(folds))
     found = explain(model, trials, model.candidates(trials), rules, announce=announce_first)
-    selected = _search_without_folds(table, found, folds, rules, jobs, announce)
+    selected = _search_without_each_fold(table, found, folds, rules, jobs, announce)
     of_inside, of_outside = selected[: len(inside)], selected[len(inside) :]
     found = check_claims(found, of_inside, of_outside, model.cells(trials))
     found, (within, between) = choose_delivered_effects(
@@ -444,7 +444,7 @@ def _keep_large_folds(table: SessionTable, folds: Sequence[Rows]) -> list[Rows]:
     return [rows for rows in folds if len(table.trials) - len(rows) >= _FEWEST_TRIALS]
 
 
-def _search_without_folds(
+def _search_without_each_fold(
     table: SessionTable,
     found: Explanation,
     folds: Sequence[Rows],
