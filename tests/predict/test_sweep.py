@@ -138,7 +138,7 @@ def test_an_interrupted_sweep_resumes_from_what_is_finished(tmp_path):
 
 @pytest.mark.long
 def test_a_process_killed_in_mid_run_loses_nothing_and_changes_no_byte(tmp_path):
-    plan = plan_of(tmp_path, RANDOM.format(rows=12, size=4, mode="drag"))
+    plan = plan_of(tmp_path, RANDOM.format(rows=4, size=2, mode="drag"))
     run_sweep(plan, tmp_path / "alone")
 
     def kill_workers(_):
@@ -150,7 +150,7 @@ def test_a_process_killed_in_mid_run_loses_nothing_and_changes_no_byte(tmp_path)
         run_sweep(plan, tmp_path / "by-two", jobs=2, on_partition=kill_workers)
     computed, found = run_sweep(plan, tmp_path / "by-two", jobs=2)
     assert found >= 1
-    assert computed + found == plan.partition_count == 9
+    assert computed + found == plan.partition_count == 6
     whole, again = (
         {path.name: path.read_bytes() for path in (tmp_path / name).glob("part-*")}
         for name in ("alone", "by-two")

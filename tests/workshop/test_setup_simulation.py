@@ -263,11 +263,15 @@ def test_faces_that_the_stock_leaves_no_cut_for_are_not_said_to_be_milled(tmp_pa
 @pytest.mark.long
 @pytest.mark.parametrize("name", BLOCKS)
 def test_every_shipped_block_made_by_its_sheet_is_the_drawn_one(name, tmp_path):
-    page, _ = write_setup(tmp_path, BLOCKS[name])
+    """Letters are made as drawn on the blocks of the quick test and on one of each kind."""
+    block = BLOCKS[name]
+    if name not in ("step-100", "gap-100"):
+        block = leave_out(block, "engraving")
+    page, _ = write_setup(tmp_path, block)
     sheet = read_setup_sheet(page)
     assert sheet.unproven == ()
-    check_corners(BLOCKS[name], sheet)
-    check_solid(BLOCKS[name], sheet)
+    check_corners(block, sheet)
+    check_solid(block, sheet)
 
 
 @pytest.mark.long
