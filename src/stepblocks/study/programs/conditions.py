@@ -48,28 +48,42 @@ def format_condition_files(
     """
     if program not in WRITTEN:
         raise StudyError(f"program must be one of {', '.join(WRITTEN)}, got {program!r}")
-    trials = {}
-    for participant, rows in sheets.items():
-        trials[participant] = [_collect_variables(row, kind) for row in rows]
+    trials = _collect_trials(sheets, kind)
     files = {}
     if program == "jspsych":
         files[f"{program}/trials.js"] = _format_script(kind, trials, plan)
     else:
         for participant, variables in trials.items():
             files[f"{program}/participant-{participant}.csv"] = format_csv(variables)
-    first = next(iter(trials.values()))[0]
-    codes = [name for name in first if name.endswith("code")]
+    names = [*next(iter(trials.values()))[0]]
+    codes = []
+    for name in names:
+        if name.endswith("code"):
+            codes.append(name)
     readme = render_page(
         "stepblocks.study",
         f"{program}.txt",
         kind=kind,
         answers=kind.answers,
-        columns=[*first],
+        columns=names,
         plan=plan,
         codes=codes,
     )
     files[f"{program}/README.md"] = html.unescape(readme)
     return files
+
+
+def _collect_trials(
+    sheets: Mapping[str, Sequence[Row]], kind: Experiment
+) -> dict[str, list[dict[str, str]]]:
+    """Return the variables of every trial by participant, from the run sheets by participant."""
+    trials = {}
+    for participant, rows in sheets.items():
+        variables = []
+        for row in rows:
+            variables.append(_collect_variables(row, kind))
+        trials[participant] = variables
+    return trials
 
 
 def _collect_variables(row: Row, kind: Experiment) -> dict[str, str]:

@@ -76,7 +76,10 @@ def _read_object(text: str) -> dict[str, str]:
         document = json.loads(text)
     except (ValueError, RecursionError):
         return {}
-    return {name: write_json_value(value) for name, value in document.items()}
+    members = {}
+    for name, value in document.items():
+        members[name] = write_json_value(value)
+    return members
 
 
 def _unquote(text: str) -> str:
@@ -131,7 +134,9 @@ def read_json_records(text: str, file: str) -> TextTable:
     names = _list_names(document)
     rows = []
     for record in document:
-        cells = [write_json_value(record.get(name)) for name in names]
+        cells = []
+        for name in names:
+            cells.append(write_json_value(record.get(name)))
         rows.append(cells)
     return TextTable(names, rows, range(1, len(rows) + 1), file)
 

@@ -1,5 +1,6 @@
 """Qualtrics: a row for each participant, below two further rows of headers."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from stepblocks.files.text_table import TextTable
@@ -13,21 +14,34 @@ _NO_PARTICIPANT = ("survey preview", "survey test", "spam", "1", "2", "8", "9")
 
 def _unfold(table: TextTable) -> Records:
     """Leave out the further rows of headers, previews and tests."""
-    headers = 0
-    for number, cells in enumerate(table.rows[:_HEADERS]):
-        if any(_IMPORT in cell for cell in cells):
-            headers = number + 1
-    kept = [*range(headers, len(table.rows))]
-    left_out = 0
-    if "Status" in table.names:
-        statuses = table.get_named_cells("Status")
-        responses = kept
-        kept = [row for row in responses if statuses[row].lower() not in _NO_PARTICIPANT]
-        left_out = len(responses) - len(kept)
+    responses = range(_count_header_rows(table), len(table.rows))
+    kept = _list_rows_of_participants(table, responses)
+    left_out = len(responses) - len(kept)
     notes = [*table.notes]
     if left_out:
         notes.append(f"{left_out} previews and tests are left out")
     return Records(replace(keep_rows(table, kept), notes=tuple(notes)), ())
+
+
+def _count_header_rows(table: TextTable) -> int:
+    """Return how many rows below the names are further headers; zero where there are none."""
+    headers = 0
+    for number, cells in enumerate(table.rows[:_HEADERS], start=1):
+        if any(_IMPORT in cell for cell in cells):
+            headers = number
+    return headers
+
+
+def _list_rows_of_participants(table: TextTable, responses: Sequence[int]) -> list[int]:
+    """List the rows, of those of responses, that a participant gave; all without a status."""
+    if "Status" not in table.names:
+        return [*responses]
+    statuses = table.get_named_cells("Status")
+    kept = []
+    for row in responses:
+        if statuses[row].lower() not in _NO_PARTICIPANT:
+            kept.append(row)
+    return kept
 
 
 QUALTRICS = Program(

@@ -155,16 +155,23 @@ def _name_planned_columns(columns: Mapping[str, list[str]]) -> dict[str, list[st
 def _keep_trials(records: Records, search: AnswerSearch) -> Records:
     """Leave out the rows of instructions and breaks: those that name no trial or no height."""
     table = records.table
-    known = [_TRIAL, search.columns.find_stated_name("height_um"), *_HEIGHTS]
-    marks = [name for name in known if name in table.names]
-    if not marks:
+    stated_height = search.columns.find_stated_name("height_um")
+    mark = _find_first_column(table, (_TRIAL, stated_height, *_HEIGHTS))
+    if mark is None:
         return records
-    cells = table.get_named_cells(marks[0])
     kept = []
-    for row, cell in enumerate(cells):
+    for row, cell in enumerate(table.get_named_cells(mark)):
         if cell and cell not in _NOTHING:
             kept.append(row)
     return Records(keep_rows(table, kept), records.channels)
+
+
+def _find_first_column(table: TextTable, names: Sequence[str]) -> str | None:
+    """Return the first of some names that a column has; None where no column has any of them."""
+    for name in names:
+        if name in table.names:
+            return name
+    return None
 
 
 def _choose_channels(records: Records, search: AnswerSearch) -> dict[str, Channel]:
