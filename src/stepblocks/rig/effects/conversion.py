@@ -19,7 +19,8 @@ _LEAST_LOAD = 1e-3  # where a fit strays [N]
 
 def _follow_speed(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
     """Let the share of stored energy that becomes vibration follow a power of the speed."""
-    factor = (state.speed / _SPEED) ** values["exponent"]
+    ratio = state.speed / _SPEED
+    factor = ratio ** values["exponent"]
     return state.scaled(conversion=factor)
 
 
@@ -58,9 +59,11 @@ def _move_tip(state: DragState, _: object, values: Mapping[str, float]) -> DragS
 
 def _spend_work(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
     """Take a share of the work of lifting the tip and rubbing over the step from the ring."""
-    square = state.height * (2.0 * state.radius - state.height)
+    to_diameter = 2.0 * state.radius - state.height
+    square = state.height * to_diameter
     reach = np.sqrt(np.maximum(square, 0.0))
-    work = state.load * (state.height + state.friction * reach)
+    rubbing = state.friction * reach
+    work = state.load * (state.height + rubbing)
     lost = values["share"] * work
     return state.shifted(lost_energy=lost)
 

@@ -21,17 +21,20 @@ _LOAD = 0.6  # [N]
 _SPEED = 6e-3  # [m/s]
 _LEAST_LOAD = 1e-3  # where a fit strays [N]
 _LEAST_FACTOR = 0.02  # on the coefficient, where a fit strays
+_RATIO_UNIT = 1e-3  # of the column of speed over load, mm/(N s) [m/(N s)]
 
 
 def _fall_with_load(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
     """Let friction follow a power of the load."""
-    factor = (state.load / _LOAD) ** -values["exponent"]
+    ratio = state.load / _LOAD
+    factor = ratio ** -values["exponent"]
     return state.scaled(friction=factor)
 
 
 def _add_adhesion(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
     """Let adhesion press the tip on: it adds a friction force that does not depend on the load."""
-    added = values["adhesion_n"] / np.maximum(state.load, _LEAST_LOAD)
+    load = np.maximum(state.load, _LEAST_LOAD)
+    added = values["adhesion_n"] / load
     return state.shifted(friction=added)
 
 
@@ -43,27 +46,32 @@ def _change_on_edge(state: DragState, _: object, values: Mapping[str, float]) ->
 def _fall_with_speed(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
     """Let friction fall from rest to sliding, after Stribeck."""
     falling = np.exp(-state.speed / values["stribeck_speed_m_per_s"])
-    factor = 1.0 + values["excess"] * falling
+    excess = values["excess"] * falling
+    factor = 1.0 + excess
     return state.scaled(friction=factor)
 
 
 def _follow_logarithm(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
     """Let friction follow the logarithm of the speed, as of dry contacts."""
     logarithm = np.log(state.speed / _SPEED)
-    factor = np.maximum(1.0 + values["slope"] * logarithm, _LEAST_FACTOR)
+    change = values["slope"] * logarithm
+    factor = np.maximum(1.0 + change, _LEAST_FACTOR)
     return state.scaled(friction=factor)
 
 
 def _build_film(state: DragState, ratio: Floats, values: Mapping[str, float]) -> DragState:
     """Let a film that speed builds and load presses out carry the tip [ratio in mm/(N s)]."""
-    falling = np.exp(-1e-3 * ratio / values["number"])
-    factor = 1.0 + values["excess"] * falling
+    speed_over_load = _RATIO_UNIT * ratio
+    falling = np.exp(-speed_over_load / values["number"])
+    excess = values["excess"] * falling
+    factor = 1.0 + excess
     return state.scaled(friction=factor)
 
 
 def _thin_film(state: DragState, ratio: Floats, values: Mapping[str, float]) -> DragState:
     """Let friction follow a power of speed over load [ratio in mm/(N s)]."""
-    factor = (0.1 * ratio) ** -values["exponent"]
+    to_reference = 0.1 * ratio  # over 0.01 m/(N s)
+    factor = to_reference ** -values["exponent"]
     return state.scaled(friction=factor)
 
 
@@ -71,14 +79,16 @@ def _follow_previous_load(
     state: DragState, before: Floats, values: Mapping[str, float]
 ) -> DragState:
     """Let friction follow the load of the trial before, `before` [N]."""
-    factor = (before / _LOAD) ** values["exponent"]
+    ratio = before / _LOAD
+    factor = ratio ** values["exponent"]
     return state.scaled(friction=factor)
 
 
 def _settle(state: DragState, order: Floats, values: Mapping[str, float]) -> DragState:
     """Let friction begin with an excess that decays over a number of trials."""
     fading = np.exp(-order / values["settling_trials"])
-    factor = np.maximum(1.0 + values["excess"] * fading, _LEAST_FACTOR)
+    excess = values["excess"] * fading
+    factor = np.maximum(1.0 + excess, _LEAST_FACTOR)
     return state.scaled(friction=factor)
 
 
@@ -96,7 +106,9 @@ def _make_settling_law(
 
     It settles over so many `trials`, and over `least` at least.
     """
-    shapes = tuple({"settling_trials": trials * factor} for factor in (0.3, 0.8, 2.0, 8.0))
+    shapes = []
+    for factor in (0.3, 0.8, 2.0, 8.0):
+        shapes.append({"settling_trials": trials * factor})
     excess = Parameter("excess", "1", 0.0, -0.95, 20.0, 0.05)
     duration = Parameter("settling_trials", "1", trials, least, 1000.0, 0.2 * trials)
     return _friction(
@@ -105,7 +117,7 @@ def _make_settling_law(
         (excess, duration),
         _settle,
         covariate=covariate,
-        shapes=shapes,
+        shapes=tuple(shapes),
         description=description,
         how_to_decide=how_to_decide,
     )

@@ -40,8 +40,13 @@ def apply_instrument_constants(
     state: DragState, _: object, values: Mapping[str, float | Floats]
 ) -> DragState:
     """Set whichever constants of the two gauges and of their clock are given."""
-    amounts = {slot: values.get(name, 0.0) for slot, name in _SHIFTED.items()}
-    factors = {slot: np.exp(values.get(name, 0.0)) for slot, name in _SCALED.items()}
+    amounts = {}
+    for slot, name in _SHIFTED.items():
+        amounts[slot] = values.get(name, 0.0)
+    factors = {}
+    for slot, name in _SCALED.items():
+        logarithm = values.get(name, 0.0)
+        factors[slot] = np.exp(logarithm)
     return state.shifted(**amounts).scaled(**factors)
 
 

@@ -56,8 +56,20 @@ def _change_block_height(
     block: str, state: DragState, blocks: Labels, values: Mapping[str, float]
 ) -> DragState:
     """Let one block have another height than stated."""
-    error = values["height_error_m"] * (blocks == block)
+    is_block = blocks == block
+    error = values["height_error_m"] * is_block
     return state.shifted(height=error)
+
+
+def _exchange_blocks(
+    first: str, second: str, state: DragState, blocks: Labels, values: Mapping[str, float]
+) -> DragState:
+    """Add the difference of two blocks to the height of the first, and take it from the second."""
+    is_first = (blocks == first).astype(np.float64)
+    is_second = blocks == second
+    direction = is_first - is_second
+    difference = values["difference_m"] * direction
+    return state.shifted(height=difference)
 
 
 def _make_indentation_law(variant: str, power: float, rank: int) -> Law:
@@ -93,23 +105,17 @@ def make_height_error_law(block: str) -> Law:
 
 def make_exchange_law(first: str, second: str) -> Law:
     """Make the law of two blocks whose labels are exchanged throughout a session."""
-
-    def exchange(state: DragState, blocks: Labels, values: Mapping[str, float]) -> DragState:
-        """Add the difference to the first block and take it from the second."""
-        direction = (blocks == first).astype(np.float64) - (blocks == second)
-        difference = values["difference_m"] * direction
-        return state.shifted(height=difference)
-
+    pair = f"{first} and {second}"
+    difference = Parameter("difference_m", "m", 0.0, -1e-3, 1e-3, 1e-6)
     return _geometry(
         f"exchanged_blocks~{first}~{second}",
-        f"the heights of {first} and {second} exchanged",
-        (Parameter("difference_m", "m", 0.0, -1e-3, 1e-3, 1e-6),),
-        exchange,
+        f"the heights of {pair} exchanged",
+        (difference,),
+        partial(_exchange_blocks, first, second),
         covariate="block",
         rank=-1,
-        description=f"the labels of the blocks {first} and {second} are exchanged: their heights "
-        "differ by",
-        how_to_decide=f"scan or gauge the blocks {first} and {second}",
+        description=f"the labels of the blocks {pair} are exchanged: their heights differ by",
+        how_to_decide=f"scan or gauge the blocks {pair}",
         specimens=(first, second),
     )
 

@@ -125,7 +125,8 @@ def _move_tips(s: Array) -> None:
         square = 1.0 - sine * sine
         ground = np.sqrt(square)
         # ---- whether it flies, lands or leaves the path
-        pull = s[_FORCE * n + j] + s[_DRAG * n + j] * (drive - velocity)
+        damping = s[_DRAG * n + j] * (drive - velocity)
+        pull = s[_FORCE * n + j] + damping
         flies = is_aloft & (y > ground)
         lands = is_aloft & (y <= ground)
         landed = _land(friction, sine, ground, velocity, up)
@@ -193,7 +194,9 @@ def _integrate_climbs(cases: bytes) -> Array:
     """
     of_trials = np.frombuffer(cases).reshape(len(_Cases._fields), -1)
     distinct, place = _merge_replicates(of_trials)
-    return _integrate_distinct_climbs(_Cases(*of_trials[:, distinct]))[:, place]
+    distinct_cases = _Cases(*of_trials[:, distinct])
+    released = _integrate_distinct_climbs(distinct_cases)
+    return released[:, place]
 
 
 def _merge_replicates(cases: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -202,7 +205,9 @@ def _merge_replicates(cases: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]
     Trials of the same settings release alike, and their motion need be integrated once.
     """
     rows = np.ascontiguousarray(cases.T)
-    keys = rows.view(np.dtype((np.void, rows.itemsize * rows.shape[1])))[:, 0]
+    row_bytes = rows.itemsize * rows.shape[1]
+    whole_row = np.dtype((np.void, row_bytes))
+    keys = rows.view(whole_row)[:, 0]
     _, distinct, place = np.unique(keys, return_index=True, return_inverse=True)
     return distinct, place
 
@@ -243,7 +248,8 @@ def _compute_ring_share(case: "_Cases", friction: Array, peak: Array, lowest: Ar
     level, low, top = compute_unhardened_force(forces, case.cubic)
     quadratic = 0.5 * (low**2 - level**2)
     quartic = 0.25 * case.cubic * (low**4 - level**4)
-    swing = quadratic + quartic - friction * (low - level)
+    rubbed = friction * (low - level)
+    swing = quadratic + quartic - rubbed
     stored = 0.5 * top**2 + 0.25 * case.cubic * top**4
     # half a period of the damper lies between the swing above sliding, which counts, and the one
     # below
@@ -287,7 +293,8 @@ def compute_release(
         Logarithms of the peak over the force that breaks the tip loose, and of the share of the
         stored energy that rings.
     """
-    held = np.clip(height, _LOWEST, _HIGHEST)
-    cases = np.stack(_Cases(held, friction, stiffness, speed, damping, cubic))
-    excess, share = _integrate_climbs(cases.tobytes())
-    return np.log(excess), np.log(np.maximum(share, _LEAST_SHARE**2))
+    held_height = np.clip(height, _LOWEST, _HIGHEST)
+    cases = _Cases(held_height, friction, stiffness, speed, damping, cubic)
+    excess, share = _integrate_climbs(np.stack(cases).tobytes())
+    shown_share = np.maximum(share, _LEAST_SHARE**2)
+    return np.log(excess), np.log(shown_share)

@@ -31,7 +31,10 @@ def list_composed_laws(covariates: Sequence[CovariateRange]) -> tuple[Law, ...]:
 def _name_columns(laws: Sequence[Law], covariate: CovariateRange) -> list[Law]:
     """Name the columns that make up the covariate of laws, where it is a pair."""
     columns = tuple(part.name for part in covariate.pair)
-    return [replace(law, columns=columns) for law in laws]
+    named = []
+    for law in laws:
+        named.append(replace(law, columns=columns))
+    return named
 
 
 def _make_added_load_law(covariate: CovariateRange) -> Law:

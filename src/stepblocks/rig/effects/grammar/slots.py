@@ -196,6 +196,10 @@ def list_moved_slots(covariate: str, *, has_labels: bool = False) -> tuple[str, 
     """List the slots that a covariate may move; what the log implies moves a few alone."""
     if covariate in _MOVED_BY:
         return _MOVED_BY[covariate]
-    if covariate in _SET_ON_THE_BENCH and not has_labels:
-        return tuple(slot for slot in SLOT_MOVES if slot not in _MOVED_BY_SURROUNDINGS)
-    return tuple(SLOT_MOVES)
+    if covariate not in _SET_ON_THE_BENCH or has_labels:
+        return tuple(SLOT_MOVES)
+    moved = []
+    for slot in SLOT_MOVES:
+        if slot not in _MOVED_BY_SURROUNDINGS:
+            moved.append(slot)
+    return tuple(moved)
