@@ -90,7 +90,9 @@ class CentrePath:
         if self.feature is not None:
             reach = self.feature.ball_radius * slope / np.hypot(1.0, slope)
             touched = x + math.copysign(1.0, direction) * reach
-            is_asked = (touched >= self.feature.first) & (touched <= self.feature.last)
+            is_behind_first = touched >= self.feature.first
+            is_before_last = touched <= self.feature.last
+            is_asked = is_behind_first & is_before_last
             slope = np.where(is_asked, slope, -np.inf)
         piece = int(np.argmax(slope))
         knot = piece + first_knot
@@ -103,7 +105,8 @@ class CentrePath:
         feature = self.feature
         if feature is not None:
             first, last = scale * feature.first, scale * feature.last
-            feature = FeatureRange(first, last, scale * feature.ball_radius)
+            ball_radius = scale * feature.ball_radius
+            feature = FeatureRange(first, last, ball_radius)
         return CentrePath(x, z, self.slope_start, self.slope_end, feature=feature)
 
 
@@ -158,19 +161,24 @@ def build_envelope_path(discs: list[Disc], lines: list[Line], ball_radius: float
             break
         knots = refined
     heights = shapes.compute_heights(shapes.find_top(knots), knots)
-    middle = 0.5 * (knots[1:] + knots[:-1])
-    top_of_piece = shapes.find_top(middle)
+    top_of_piece = shapes.find_top(_find_middles(knots))
     slope_start = shapes.compute_slopes(top_of_piece, knots[:-1])
     slope_end = shapes.compute_slopes(top_of_piece, knots[1:])
     return CentrePath(knots, heights, slope_start, slope_end)
 
 
+def _find_middles(knots: Array) -> Array:
+    """Find the middle between neighbouring knots [m], shape (n - 1,)."""
+    return np.asarray(0.5 * (knots[1:] + knots[:-1]))
+
+
 def _add_crossings(shapes: "_Shapes", knots: Array) -> Array:
     """Add the crossings between neighbouring pieces whose highest shapes differ."""
-    middle = 0.5 * (knots[1:] + knots[:-1])
+    middle = _find_middles(knots)
     top = shapes.find_top(middle)
+    changes_to_next = top[1:] != top[:-1]
     crossings = []
-    for piece in np.flatnonzero(top[1:] != top[:-1]).tolist():
+    for piece in np.flatnonzero(changes_to_next).tolist():
         pair = top[piece : piece + 2]
         crossing = shapes.find_crossing(pair, middle[piece], middle[piece + 1])
         crossings.append(crossing)
@@ -195,16 +203,21 @@ class _Shapes:
 
     def __init__(self, discs: list[Disc], lines: list[Line], ball_radius: float) -> None:
         self.circles = len(discs)
-        rows = [_grow_disc(disc, ball_radius) for disc in discs]
-        rows += [_lift_line(line, ball_radius) for line in lines]
-        self.x, self.z, self.radius, self.slope, self.begin, self.end = np.array(rows).T
+        rows = []
+        for disc in discs:
+            rows.append(_grow_disc(disc, ball_radius))
+        for line in lines:
+            rows.append(_lift_line(line, ball_radius))
+        columns = np.array(rows).T
+        self.x, self.z, self.radius, self.slope, self.begin, self.end = columns
 
     def place_knots(self) -> Array:
         """Lay knots on every circle, and at both ends of every line [m]."""
         wanted = math.ceil(math.pi / _ANGLE_STEP)
         affordable = _MOST_KNOTS // max(self.circles, 1)
         count = max(_LEAST_KNOTS, min(wanted, affordable))
-        sines = np.sin(np.linspace(-0.5 * math.pi, 0.5 * math.pi, count))
+        angles = np.linspace(-0.5 * math.pi, 0.5 * math.pi, count)
+        sines = np.sin(angles)
         middle = self.x[: self.circles, None]
         radius = self.radius[: self.circles, None]
         on_circles = (middle + radius * sines).ravel()
@@ -216,11 +229,13 @@ class _Shapes:
         run = x - self.x[index]
         square = self.radius[index] ** 2 - run**2  # of the height over the middle of a circle
         arc = np.sqrt(np.maximum(square, 0.0))
-        height = self.z[index] + self.slope[index] * run + arc
+        climb = self.slope[index] * run
+        height = self.z[index] + climb + arc
         is_behind_begin = x >= self.begin[index] - _CLOSE
         is_before_end = x <= self.end[index] + _CLOSE
         is_line = index >= self.circles
-        is_there = is_behind_begin & is_before_end & ((square >= 0.0) | is_line)
+        is_on_shape = (square >= 0.0) | is_line
+        is_there = is_behind_begin & is_before_end & is_on_shape
         return np.where(is_there, height, -np.inf)
 
     def find_top(self, x: Array) -> NDArray[np.int64]:

@@ -36,7 +36,8 @@ class TipPath:
     def mirrored(self) -> "TipPath":
         """Return the path as it is met on the way back."""
         x0, z0, x1, z1, offset = self.elements[::-1].T
-        elements = np.ascontiguousarray(np.column_stack([-x1, z1, -x0, z0, -offset]))
+        turned = np.column_stack([-x1, z1, -x0, z0, -offset])
+        elements = np.ascontiguousarray(turned)
         position = np.ascontiguousarray(-self.position[::-1])
         contact = np.ascontiguousarray(-self.contact[::-1])
         height = self.height[::-1].copy()
@@ -102,7 +103,8 @@ def _list_elements(x: Array, z: Array, radius: float) -> Array:
     length = np.hypot(x1 - x0, rise)
     offset = np.zeros_like(length)
     np.divide(radius * rise, length, out=offset, where=length > 0.0)
-    return np.ascontiguousarray(np.column_stack([x0, z0, x1, z1, offset]))
+    elements = np.column_stack([x0, z0, x1, z1, offset])
+    return np.ascontiguousarray(elements)
 
 
 def _convert_profile(x: ArrayLike, z: ArrayLike) -> tuple[Array, Array]:
@@ -121,13 +123,14 @@ def _convert_profile(x: ArrayLike, z: ArrayLike) -> tuple[Array, Array]:
 def _choose_positions(x: Array, ball_radius: float) -> Array:
     """Choose positions of the tip [m]: every point, and so many between that none is far."""
     # a ball meets the first point from a radius away
-    ends = np.concatenate([[x[0] - ball_radius], x, [x[-1] + ball_radius]])
+    begin, end = x[0] - ball_radius, x[-1] + ball_radius
+    ends = np.concatenate([[begin], x, [end]])
     widths = np.diff(ends)
     farthest = _FARTHEST * (2.0 * ball_radius)
     pieces = np.maximum(np.ceil(widths / farthest), 1)
     if pieces.sum() > _MOST_POSITIONS:
         raise ContactError(
-            f"profile of {ends[-1] - ends[0]:.3g} m with {ends.size} points is too long for a ball "
+            f"profile of {end - begin:.3g} m with {ends.size} points is too long for a ball "
             f"of {ball_radius:.3g} m; cut it out around the edge"
         )
     pieces = pieces.astype(int)
@@ -136,7 +139,7 @@ def _choose_positions(x: Array, ball_radius: float) -> Array:
     numbers = np.arange(pieces.sum()) - np.repeat(counted_before, pieces)
     steps = np.repeat(widths / pieces, pieces)
     starts = numbers * steps + np.repeat(ends[:-1], pieces)
-    return np.unique(np.append(starts, ends[-1]))
+    return np.unique(np.append(starts, end))
 
 
 class Catch(NamedTuple):
@@ -172,7 +175,8 @@ def find_steepest_catch(path: TipPath, within: tuple[float, float] | None = None
         raise ContactError("path has no two neighbouring positions with a surface under the tip")
     if within is not None:
         first, last = within
-        is_inside = (steepest[:, 2] >= first) & (steepest[:, 2] <= last)
+        touched = steepest[:, 2]
+        is_inside = (touched >= first) & (touched <= last)
         if not is_inside.any():
             return Catch(math.nan, math.nan, 0.0)  # the tip touches nothing there
         steepest = steepest[is_inside]

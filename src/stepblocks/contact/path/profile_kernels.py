@@ -37,7 +37,8 @@ def _compute_resting_height(
         z = max(z0, z1)
     run = u - x
     square = min(run * run, radius * radius)
-    sagitta = square / (radius + math.sqrt(radius * radius - square))
+    below_centre = math.sqrt(radius * radius - square)
+    sagitta = square / (radius + below_centre)
     return z - sagitta
 
 
