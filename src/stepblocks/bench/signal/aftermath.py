@@ -251,14 +251,10 @@ def _measure_swing(
     bottom = find_first_swing(motion)
     # a tool that hardens swings less far below its level than above it, where it was let go
     swung = compute_unhardened_force(max(bottom.depth, 0.0), approach.hardening_coefficient)
-    depth = bottom.depth
-    depth += (
-        3.0
-        * approach.hardening_coefficient
-        * approach.sliding_force
-        * swung
-        * (swung - approach.sliding_force)
-    )
+    level_of_slide = approach.sliding_force
+    beyond = swung - level_of_slide
+    asymmetry = 3.0 * approach.hardening_coefficient * level_of_slide * swung * beyond
+    depth = bottom.depth + asymmetry
     level_std = approach.sliding_force_std
     if saw is not None:
         level_std = saw.kinetic.std

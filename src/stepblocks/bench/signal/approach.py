@@ -137,13 +137,15 @@ class Approach:
         """
         # the least-squares line through t^2 and t^3 over 0 to T climbs by T and by 0.9 T^2
         end = _LINE_SHARE * (release - self.onset)
-        return self._sum_level_and_ramp(0.0, np.array([1.0, end, 0.9 * end**2]), 0.0)
+        climb = np.array([1.0, end, 0.9 * end**2])
+        return self._sum_level_and_ramp(0.0, climb, 0.0)
 
     def compute_ramp_force(self, instant: float) -> Estimate:
         """Return the force on the line of the ramp without hum and drift [N]."""
         since = instant - self.onset
         steepness = float(self.ramp_coefficients @ (1.0, 2.0 * since, 3.0 * since**2))
-        return self._sum_level_and_ramp(1.0, np.array([since, since**2, since**3]), -steepness)
+        climb = np.array([since, since**2, since**3])
+        return self._sum_level_and_ramp(1.0, climb, -steepness)
 
     def _sum_level_and_ramp(self, level: float, climb: Array, onset: float) -> Estimate:
         """Return the sum of level and climb in these shares.
@@ -170,7 +172,8 @@ class Approach:
     def compute_ramp_line(self, time: Array) -> Array:
         """Return the line of the ramp with drift and hum [N], continued past its end."""
         columns = _build_approach_columns(time, time - self.onset, self.clock)
-        return np.asarray(columns @ self.fit.weights[: columns.shape[1]], dtype=float)
+        weights = self.fit.weights[: columns.shape[1]]
+        return np.asarray(columns @ weights, dtype=float)
 
     def compute_hum(self, time: Array) -> Array:
         """Return the hum alone [N], continued over the whole record."""
@@ -211,7 +214,8 @@ def _build_approach_columns(time: Array, since: Array, clock: Clock) -> Array:
 def _build_sliding_columns(time: Array, clock: Clock) -> Array:
     """Return the columns of level, drift and hum, shape (n, 4)."""
     lines = np.stack([np.ones_like(time), time - clock.center]).T
-    return np.hstack([lines, build_wave_columns(time, clock.mains)])
+    hum = build_wave_columns(time, clock.mains)
+    return np.hstack([lines, hum])
 
 
 def _insert_ramp(sliding: Array, since: Array, clock: Clock) -> Array:

@@ -51,7 +51,8 @@ def find_extremum(time: Array, force: Array, index: int, reach: float, noise: fl
     weights, residuals = fit_linear(columns, force[near])
     # so few samples do not tell their own noise, unless they scatter as noise does in one of twenty
     # cases
-    excess = float(residuals @ residuals) / noise**2 / max(place.size - 5, 1)
+    freedom = max(place.size - 5, 1)
+    excess = float(residuals @ residuals) / noise**2 / freedom
     if not excess > _SCATTER:
         excess = 1.0
     covariance = np.linalg.inv(columns.T @ columns) * noise**2 * excess
@@ -66,8 +67,7 @@ def find_extremum(time: Array, force: Array, index: int, reach: float, noise: fl
     if np.ptp(curve) > FAINT * noise:
         turning_place = float(grid[turn])
     gradient = np.asarray(turning_place ** np.arange(5), dtype=float)
-    return Extremum(
-        float(gradient @ weights),
-        propagate_std(gradient, covariance),
-        float(time[index]) + turning_place * reach,
-    )
+    height = float(gradient @ weights)
+    std = propagate_std(gradient, covariance)
+    instant = float(time[index]) + turning_place * reach
+    return Extremum(height, std, instant)

@@ -52,16 +52,21 @@ def integrate_swing(
     for n in range(count):
         over = u + cubic * u**3 - about
         force[n] = over
-        rate[n] = (1.0 + 3.0 * cubic * u**2) * v
-        u += FINE_STEP * (v * shrink - kick * over)
-        v = (v * shrink - kick * over - kick * (u + cubic * u**3 - about)) * shrink
+        stiffness = 1.0 + 3.0 * cubic * u**2
+        rate[n] = stiffness * v
+        half_way = v * shrink - kick * over
+        u += FINE_STEP * half_way
+        over_then = u + cubic * u**3 - about
+        v = (half_way - kick * over_then) * shrink
     result = np.empty((2, time.size))
     for i in range(time.size):
         steps = time[i] / FINE_STEP
         n = int(steps)
         share = steps - n
-        result[0, i] = force[n] + share * (force[n + 1] - force[n])
-        result[1, i] = rate[n] + share * (rate[n + 1] - rate[n])
+        force_change = force[n + 1] - force[n]
+        rate_change = rate[n + 1] - rate[n]
+        result[0, i] = force[n] + share * force_change
+        result[1, i] = rate[n] + share * rate_change
     return result
 
 

@@ -147,7 +147,8 @@ def _find_onset(time: Array, smooth: Array, peak: int, level: float, rise: float
     """Return where the line through the middle of the ramp meets the sliding level [s]."""
     climb = smooth[: peak - 1] - level  # the last two samples have some of the fall
     low = int(np.flatnonzero(climb < 0.25 * rise)[-1])
-    high = max(int(np.flatnonzero(climb < 0.75 * rise)[-1]) + 1, low + 2)
+    last_below_high = int(np.flatnonzero(climb < 0.75 * rise)[-1])
+    high = max(last_below_high + 1, low + 2)
     slope = (smooth[high] - smooth[low]) / (time[high] - time[low])
     if slope <= 0.0:
         raise LandmarkError(

@@ -106,14 +106,16 @@ class Window:
         first = max(marks.peak - _BEFORE, 0)
         last = min(marks.peak + _AFTER, time.size - 1)
         excess = force - approach.compute_ramp_line(time)
-        below = force[marks.peak : last + 1] < force[marks.peak] - _FALL_SHARE * marks.rise
+        low = force[marks.peak] - _FALL_SHARE * marks.rise
+        below = force[marks.peak : last + 1] < low
         fallen = last
         if below.any():
             fallen = marks.peak + int(np.argmax(below))
         last = min(max(fallen, marks.peak + _FEWEST_AFTER), last)
         part = slice(first, last + 1)
         # where the line misses the ramp itself, it is known no better than that
-        miss = float(np.sqrt(np.mean(excess[first : first + _ON_RAMP] ** 2)))
+        on_ramp = excess[first : first + _ON_RAMP]
+        miss = float(np.sqrt(np.mean(on_ramp**2)))
         if miss > _CLEAR_MISS * noise:
             noise = miss
         ramp_at_top = approach.compute_ramp_force(top).value
@@ -190,9 +192,11 @@ def average_shapes(window: Window) -> LocalPeak:
     mean = float(weights @ height)
     # between two instants that are tried the begin may lie anywhere
     grid = (window.climb / _PER_SAMPLE) ** 2 / 12.0
-    spread = float(weights @ (variance + (height - mean) ** 2)) + grid
+    squares = variance + (height - mean) ** 2
+    spread = float(weights @ squares) + grid
     evidence = best + float(np.log(total / log_likelihood.size))
-    return LocalPeak(mean, float(np.sqrt(spread)), float(weights @ instant), evidence)
+    mean_instant = float(weights @ instant)
+    return LocalPeak(mean, float(np.sqrt(spread)), mean_instant, evidence)
 
 
 def _find_tops(window: Window, shape: Shape, duration: float, begins: Array) -> ShapedTops:
@@ -220,9 +224,10 @@ def _find_tops(window: Window, shape: Shape, duration: float, begins: Array) -> 
     # a force that leaves its ramp upwards is no fall
     falls = fitted.weights[:, 0] <= 0.0
     log_likelihood = np.where(falls, fitted.log_likelihood + shape.log_prior, -np.inf)
+    height = window.climb * begins + curves[rows, top]
     return ShapedTops(
         log_likelihood=log_likelihood,
-        height=window.climb * begins + curves[rows, top],
+        height=height,
         variance=np.asarray(variance),
         instant=begins + reach[top],
     )
@@ -230,9 +235,10 @@ def _find_tops(window: Window, shape: Shape, duration: float, begins: Array) -> 
 
 def _find_first_tops(curves: Array) -> NDArray[np.intp]:
     """Return where each curve of shape (m, t) first stops climbing."""
-    falls = np.diff(curves, axis=1) <= 0.0
-    falls = np.column_stack([falls, np.ones(len(curves), dtype=bool)])
-    return np.asarray(np.argmax(falls, axis=1))
+    stops = np.diff(curves, axis=1) <= 0.0
+    is_end = np.ones(len(curves), dtype=bool)
+    stops_by_end = np.column_stack([stops, is_end])
+    return np.asarray(np.argmax(stops_by_end, axis=1))
 
 
 @dataclass(frozen=True)

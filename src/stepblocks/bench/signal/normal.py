@@ -24,7 +24,8 @@ def measure_normal_level(time: Array, normal: Array, approach: Approach) -> Esti
     end = int(np.searchsorted(time, approach.onset - _ONSET_GUARD))
     columns = _build_drift_and_hum_columns(time[:end], approach.mains_frequency)
     weights, covariance = fit_with_covariance(columns, normal[:end])
-    return Estimate(float(weights[0]), float(np.sqrt(covariance[0, 0])))
+    std = float(np.sqrt(covariance[0, 0]))
+    return Estimate(float(weights[0]), std)
 
 
 def _build_drift_and_hum_columns(time: Array, mains: float) -> Array:
@@ -41,14 +42,16 @@ def measure_sympathetic_force(
     The ring has the frequency and the decay of the tangential force. `time` [s] and `normal` [N]
     have shape (n,).
     """
-    begin = int(np.searchsorted(time, max(after.start + _SETTLE, after.ring.origin)))
+    settled = max(after.start + _SETTLE, after.ring.origin)
+    begin = int(np.searchsorted(time, settled))
     still = _build_drift_and_hum_columns(time[begin:], approach.mains_frequency)
     since = time[begin:] - after.start
 
     def measure_ring(frequency: float, decay_time: float) -> Estimate:
         """Measure the amplitude of a ring of known frequency [Hz] and decay time [s]."""
         ring = build_damped_wave_columns(since, frequency, decay_time)
-        weights, covariance = fit_with_covariance(np.column_stack([ring, still]), normal[begin:])
+        columns = np.column_stack([ring, still])
+        weights, covariance = fit_with_covariance(columns, normal[begin:])
         size = float(np.hypot(weights[0], weights[1]))
         if size == 0.0:
             return Estimate(0.0, float(np.sqrt(covariance[0, 0])))

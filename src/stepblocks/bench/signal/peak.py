@@ -85,7 +85,9 @@ def _find_corner(time: Array, marks: Landmarks, approach: Approach, ring: Ring) 
     def compute_excess(instant: float) -> float:
         """Return the curve of the ring less the line of the ramp at an instant [N]."""
         instants = np.array([instant])
-        return float(ring.compute_curve(instants)[0] - approach.compute_ramp_line(instants)[0])
+        curve = ring.compute_curve(instants)[0]
+        line = approach.compute_ramp_line(instants)[0]
+        return float(curve - line)
 
     low = top - _CORNER_REACH * step
     high = top + _CORNER_REACH * step
@@ -101,8 +103,9 @@ def _find_corner(time: Array, marks: Landmarks, approach: Approach, ring: Ring) 
     # (difference of slopes)
     share = approach.initial_slope / -fall
     ramp = approach.compute_ramp_force(instant)
-    std = math.hypot((1.0 - share) * ramp.std, share * ring.compute_curve_std(instant))
-    return Peak(instant, ramp.value, std, corner=True)
+    of_ramp = (1.0 - share) * ramp.std
+    of_ring = share * ring.compute_curve_std(instant)
+    return Peak(instant, ramp.value, math.hypot(of_ramp, of_ring), corner=True)
 
 
 def _find_corner_beside_ring(
@@ -118,12 +121,10 @@ def _find_corner_beside_ring(
     local = average_shapes(window)
     top = float(time[marks.peak])
     ramp = approach.compute_ramp_force(top)
-    shown = Peak(
-        top + window.sample * local.since,
-        ramp.value + local.height,
-        math.hypot(local.std, ramp.std),
-        corner=True,
-    )
+    shown_instant = top + window.sample * local.since
+    shown_force = ramp.value + local.height
+    shown_std = math.hypot(local.std, ramp.std)
+    shown = Peak(shown_instant, shown_force, shown_std, corner=True)
     corner = _find_corner(time, marks, approach, ring)
     if corner is None:
         # where ramp and ring do not meet, the line has bent hum and drift to what is neither
@@ -133,7 +134,8 @@ def _find_corner_beside_ring(
     instants = top + window.sample * window.since
     ring_over_line = ring.compute_curve(instants) - approach.compute_ramp_line(instants)
     expected = np.where(instants > corner.time, ring_over_line, 0.0)
-    log_odds = window.compute_log_likelihood(expected) - local.log_likelihood - _LOG_PRICE_OF_RING
+    log_likelihood = window.compute_log_likelihood(expected)
+    log_odds = log_likelihood - local.log_likelihood - _LOG_PRICE_OF_RING
     return _average_peaks(corner, shown, float(expit(log_odds)))
 
 
@@ -141,8 +143,10 @@ def _average_peaks(first: Peak, second: Peak, share: float) -> Peak:
     """Average two peaks, the first of which counts by a share; the spread of both is uncertain."""
     share_of_second = 1.0 - share
     force = share * first.force + share_of_second * second.force
-    variance = share * (first.force_std**2 + (first.force - force) ** 2)
-    variance += share_of_second * (second.force_std**2 + (second.force - force) ** 2)
+    square_of_first = first.force_std**2 + (first.force - force) ** 2
+    square_of_second = second.force_std**2 + (second.force - force) ** 2
+    variance = share * square_of_first
+    variance += share_of_second * square_of_second
     instant = share * first.time + share_of_second * second.time
     return Peak(instant, force, math.sqrt(variance), corner=True)
 

@@ -78,6 +78,8 @@ def _turns(motion: Motion) -> bool:
     """Tell whether the tip turns at the end of its first swing, past friction's other side."""
     # it stops where the force is as far from sliding as its swing, but for the ramp
     swing = find_first_swing(motion)
-    stopped = math.sqrt(max(swing.depth**2 - (motion.slope / motion.angular_frequency) ** 2, 0.0))
+    of_ramp = motion.slope / motion.angular_frequency
+    stopped_squared = swing.depth**2 - of_ramp**2
+    stopped = math.sqrt(max(stopped_squared, 0.0))
     shift = 2.0 * motion.damping * motion.slope / motion.angular_frequency
     return stopped - swing.std > 2.0 * motion.level + shift

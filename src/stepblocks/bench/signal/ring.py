@@ -169,14 +169,12 @@ class Ring:
     def compute_curve_std(self, instant: float) -> float:
         """Return the standard uncertainty of `compute_curve` at one instant [N]."""
         since = np.array([instant - self.origin])
-        steps = np.array([1e-3, 1e-6, 1e-6, 1e-4])
-        (slopes,) = compute_numeric_jacobian(
-            lambda shape: self._model(since, shape),
-            self.fit.shape,
-            steps[: self.fit.shape.size],
-        )
-        (columns,) = self.basis.build_columns(since, self.fit.shape)
-        return propagate_std(np.concatenate([slopes, columns]), self.fit.covariance)
+        shape = self.fit.shape
+        steps = np.array([1e-3, 1e-6, 1e-6, 1e-4])[: shape.size]
+        (slopes,) = compute_numeric_jacobian(partial(self._model, since), shape, steps)
+        (columns,) = self.basis.build_columns(since, shape)
+        gradient = np.concatenate([slopes, columns])
+        return propagate_std(gradient, self.fit.covariance)
 
     def compute_amplitude(self, instant: float) -> Estimate:
         """Return the amplitude of the ring, carried to an instant by its decay [N]."""
@@ -233,8 +231,10 @@ def fit_ring(
         rings.append(_fit_damped(time, force, replace(ring.basis, is_bent=True), noise, shape))
     basis = replace(ring.basis, about=_find_level_in_amplitudes(ring))
     hard_shape = np.append(shape, _LITTLE)
-    change = basis.build_columns(since, hard_shape) - ring.basis.build_columns(since, shape)
-    if ring.fit.would_gain_from((change @ ring.fit.weights)[:, None]):
+    hard_columns = basis.build_columns(since, hard_shape)
+    change = hard_columns - ring.basis.build_columns(since, shape)
+    change_of_force = change @ ring.fit.weights
+    if ring.fit.would_gain_from(change_of_force[:, None]):
         hardening = _fit_damped(time, force, basis, noise, hard_shape)
         # about which level it rings is in units of an amplitude that a cosine misses
         basis = replace(basis, about=_find_level_in_amplitudes(hardening))
@@ -262,11 +262,16 @@ def _fit_damped(time: Array, force: Array, basis: RingBasis, noise: float, start
     scale = np.array([1.0, 5e-3, 1e-4, 0.05])
     since = time - basis.origin
     steady = basis.build_steady_columns(since)
+
+    def build_columns(shape: Array) -> Array:
+        """Return the columns of the basis for a shape; the steady ones do not depend on it."""
+        return np.hstack([steady, basis.build_dying_columns(since, shape)])
+
     slopes = None
     if count == _PARAMETERS_OF_COSINE:
         slopes = partial(basis.differentiate_cosine, since)
     fit = fit_separable(
-        lambda shape: np.hstack([steady, basis.build_dying_columns(since, shape)]),
+        build_columns,
         force,
         start=start,
         lower=lower[:count],
@@ -275,14 +280,15 @@ def _fit_damped(time: Array, force: Array, basis: RingBasis, noise: float, start
         slopes=slopes,
     )
     begin = int(np.searchsorted(time, basis.origin + BEGIN))
-    misfit = compute_misfit(fit.residuals, count + fit.weights.size, begin, noise)
-    fitted_frequency = float(fit.shape[_FREQUENCY])
-    decay_time = float(fit.shape[_DECAY_TIME])
-    level = float(fit.weights[0])
+    parameters = count + fit.weights.size
+    misfit = compute_misfit(fit.residuals, parameters, begin, noise)
+    fitted_frequency = Estimate(float(fit.shape[_FREQUENCY]), fit.get_std(_FREQUENCY))
+    decay_time = Estimate(float(fit.shape[_DECAY_TIME]), fit.get_std(_DECAY_TIME))
+    level = Estimate(float(fit.weights[0]), fit.get_std(count))
     return Ring(
-        frequency=Estimate(fitted_frequency, fit.get_std(_FREQUENCY)),
-        decay_time=Estimate(decay_time, fit.get_std(_DECAY_TIME)),
-        level=Estimate(level, fit.get_std(count)),
+        frequency=fitted_frequency,
+        decay_time=decay_time,
+        level=level,
         basis=basis,
         fit=fit,
         misfit=misfit,
@@ -324,10 +330,12 @@ class _HardeningTool:
 
         at_rest = compute_unhardened_force(about, self.cubic)
         at_release = compute_unhardened_force(about + 1.0, self.cubic)
+        begin = at_release - at_rest
         softening = math.sqrt(1.0 + 3.0 * self.cubic * at_rest**2)
         omega = 2.0 * math.pi * self.frequency / softening
         time = np.abs(since)  # a little before the release the same as after it
         tool = (omega, self.decay_time, self.cubic)
-        force, rate = integrate_swing(time, tool, about, at_release - at_rest, at_rest)
+        force, rate = integrate_swing(time, tool, about, begin, at_rest)
         rate *= np.sign(since)
-        return np.stack([force, rate / (-2.0 * math.pi * self.frequency)]).T
+        rate_over_pulsation = rate / (-2.0 * math.pi * self.frequency)
+        return np.stack([force, rate_over_pulsation]).T

@@ -293,8 +293,9 @@ class _RubbingProblem:
 
     def _compute_residuals(self, values: Array) -> Array:
         """Return force of the model less data, and the weighted misses of the tool; (n + 2,)."""
+        misses_of_force = self._compute_force(values) - self.force
         misses_of_tool = (values[_OF_TOOL] - self.tool) * self.tool_weights
-        return np.append(self._compute_force(values) - self.force, misses_of_tool)
+        return np.append(misses_of_force, misses_of_tool)
 
     def _differentiate(self, values: Array) -> Array:
         """Return the slopes of `_compute_residuals`, shape (n + 2, 7)."""
@@ -318,7 +319,8 @@ class _RubbingProblem:
         if not self._measure_misfit(search.fun[:-2]) < _GOOD:
             return False
         # a tip that never slips back in this course says nothing of the gap
-        change = self._compute_force(search.x) - self._compute_force(search.x * _SMALLER_GAP)
+        with_smaller_gap = self._compute_force(search.x * _SMALLER_GAP)
+        change = self._compute_force(search.x) - with_smaller_gap
         return bool(np.any(np.abs(change) > _ROUNDING))
 
     def build_ring(self, search: Any) -> RubbingRing:
@@ -343,9 +345,11 @@ class _RubbingProblem:
         """Tell whether the gap shows in the data; `jacobian` has shape (n, 7)."""
         # a sample between two turns changes by the gap itself; a gap that moves less than one
         # sample was not seen
-        if not np.abs(jacobian[:, _GAP]).sum() > 1.0 or not values[_GAP] > _LEAST_GAP:
+        moved_samples = np.abs(jacobian[:, _GAP]).sum()
+        if not moved_samples > 1.0 or not values[_GAP] > _LEAST_GAP:
             return False
         # and of one that stops little beyond the other side of friction other gaps tell as much
         omega = 2.0 * math.pi * values[_FREQUENCY]
         stopped_squared = values[_OFFSET] ** 2 - (self.slope / omega) ** 2
-        return bool(stopped_squared > (_BEYOND * 2.0 * self.level) ** 2)
+        least_stopped = _BEYOND * 2.0 * self.level
+        return bool(stopped_squared > least_stopped**2)

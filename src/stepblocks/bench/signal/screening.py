@@ -163,5 +163,6 @@ def _find_longest_run(mask: NDArray[np.bool_]) -> _Run:
     """Find the longest run of True; of equal ones, the first."""
     edges = np.flatnonzero(np.diff(mask, prepend=False, append=False))
     starts, ends = edges[::2], edges[1::2]
-    longest = int(np.argmax(ends - starts))
-    return _Run(int(ends[longest] - starts[longest]), int(starts[longest]))
+    lengths = ends - starts
+    longest = int(np.argmax(lengths))
+    return _Run(int(lengths[longest]), int(starts[longest]))

@@ -151,10 +151,12 @@ def _differentiate_once(
     basis: Callable[[Array], Array], shape: Array, fit: _LinearFit, scale: Array, upper: Array
 ) -> Array:
     """Find the slopes of a fit in its shape by one difference each, which stays below `upper`."""
-    step = np.where(shape + _STEP * scale > upper, -_STEP, _STEP) * scale
+    would_leave = shape + _STEP * scale > upper
+    step = np.where(would_leave, -_STEP, _STEP) * scale
     changes = []
     for move in np.diag(step):
-        changes.append((basis(shape + move) - fit.columns) @ fit.weights)
+        change_of_columns = basis(shape + move) - fit.columns
+        changes.append(change_of_columns @ fit.weights)
     return np.stack(changes, axis=1) / step
 
 
@@ -183,7 +185,8 @@ def fit_with_covariance(columns: Array, values: Array) -> tuple[Array, Array]:
 def build_damped_wave_columns(time: Array, frequency: float, decay_time: float) -> Array:
     """Columns of a cosine and a sine that die away."""
     decay = np.exp(-time / decay_time)[:, None]
-    return np.asarray(decay * build_wave_columns(time, frequency), dtype=float)
+    wave = build_wave_columns(time, frequency)
+    return np.asarray(decay * wave, dtype=float)
 
 
 def differentiate_damped_wave(
@@ -224,7 +227,8 @@ def _find_strongest_frequency(time: Array, values: Array) -> float:
     rate = (count - 1) / (time[-1] - time[0])
     size = 1 << (4 * count - 1).bit_length()
     falling_window = np.hanning(2 * count)[count:]
-    spectrum = np.abs(np.fft.rfft((values - values.mean()) * falling_window, size))
+    windowed = (values - values.mean()) * falling_window
+    spectrum = np.abs(np.fft.rfft(windowed, size))
     frequencies = np.fft.rfftfreq(size, 1.0 / rate)
     spectrum[frequencies < _LOWEST] = 0.0
     return float(frequencies[int(np.argmax(spectrum))])

@@ -29,8 +29,9 @@ def compute_band_shares(
     rate = (time.size - 1) / (time[-1] - time[0])
     clean = force - approach.compute_hum(time)
     end_of_ring = after.start + _RING_TIMES * after.decay_time.value
+    begin_of_ring = max(after.start, peak.time)
     onset, release = np.searchsorted(time, (approach.onset, peak.time))
-    begin, end = np.searchsorted(time, (max(after.start, peak.time), end_of_ring))
+    begin, end = np.searchsorted(time, (begin_of_ring, end_of_ring))
     loading = clean[onset:release] - approach.sliding_force
     vibration = clean[begin:end] - after.level.value
     return BandShares(

@@ -177,10 +177,12 @@ def fit_whole_record(trace: Trace, onset: float, release: float, tool: Tool) -> 
     end = release + _DECAYS * tool.decay_time
     inside = (trace.time >= begin) & (trace.time <= end)
     time, force = trace.time[inside] - release, trace.tangential[inside]
-    if min(np.sum(time < 0.0), np.sum(time > 0.0)) < 0.5 * _LEAST_SAMPLES:
+    samples_before, samples_after = np.sum(time < 0.0), np.sum(time > 0.0)
+    if min(samples_before, samples_after) < 0.5 * _LEAST_SAMPLES:
         return None
     fits = [_fit_corner(time, force, tool)]
-    fits += [_fit_fall(shape, time, force, tool) for shape in _FALLS]
+    for shape in _FALLS:
+        fits.append(_fit_fall(shape, time, force, tool))
     return _average_shapes(fits, release)
 
 
@@ -214,9 +216,9 @@ def _build_corner_columns(time: Array, parameters: Array) -> Array:
     """
     release, frequency, decay_time = parameters
     since = time - release
-    after = np.maximum(since, 0.0)
+    before, after = np.minimum(since, 0.0), np.maximum(since, 0.0)
     ring = build_damped_wave_columns(after, frequency, decay_time)
-    return np.column_stack([np.ones_like(time), np.minimum(since, 0.0), after, ring])
+    return np.column_stack([np.ones_like(time), before, after, ring])
 
 
 def _build_fall_columns(shape: ReleaseShape, time: Array, parameters: Array) -> Array:
@@ -225,24 +227,29 @@ def _build_fall_columns(shape: ReleaseShape, time: Array, parameters: Array) -> 
     `parameters` are the length of the fall [s], then those of a corner.
     """
     fall, release = parameters[:2]
-    falling = _FALLS[shape](np.maximum(time - release, 0.0) / fall)
-    return np.column_stack([_build_corner_columns(time, parameters[1:]), falling])
+    after = np.maximum(time - release, 0.0)
+    falling = _FALLS[shape](after / fall)
+    corner = _build_corner_columns(time, parameters[1:])
+    return np.column_stack([corner, falling])
 
 
 def _fit_corner(time: Array, force: Array, tool: Tool) -> _ShapeFit:
     """Fit a ring that begins at the peak itself."""
-    fitted = _fit_record(partial(_build_corner_columns, time), time, force, tool)
+    build = partial(_build_corner_columns, time)
+    fitted = _fit_record(build, time, force, tool)
     return _ShapeFit(ReleaseShape.CORNER, fitted, 0.0)
 
 
 def _fit_fall(shape: ReleaseShape, time: Array, force: Array, tool: Tool) -> _ShapeFit:
     """Fit a fall of some shape, from the length that does best."""
     step = float(np.median(np.diff(time)))
+    build = partial(_build_fall_columns, shape, time)
     best: SeparableFit | None = None
     for fall in _FIRST_FALLS:
+        shortest = min(0.3 * fall, 0.5 * step)
         longest = min(3.0 * fall, _LONGEST_FALL)
-        length = (fall, min(0.3 * fall, 0.5 * step), longest, 0.2 * fall)
-        fitted = _fit_record(partial(_build_fall_columns, shape, time), time, force, tool, length)
+        length = (fall, shortest, longest, 0.2 * fall)
+        fitted = _fit_record(build, time, force, tool, length)
         if best is None or _compute_cost(fitted) < _compute_cost(best):
             best = fitted
     assert best is not None
@@ -263,9 +270,9 @@ def _fit_record(
     step = float(np.median(np.diff(time)))
     reach = _SAMPLES_OF_DRIFT * step
     rows = [length] if length else []
+    frequency, decay = tool
     rows.append((0.0, -reach, reach, step))
-    rows.append((tool.frequency, 0.7 * tool.frequency, 1.4 * tool.frequency, 1.0))
-    decay = tool.decay_time
+    rows.append((frequency, 0.7 * frequency, 1.4 * frequency, 1.0))
     rows.append((decay, 0.2 * decay, 5.0 * decay, 0.1 * decay))
     start, lower, upper, scale = np.array(rows).T
     return fit_separable(build, force, start, lower, upper, scale)
@@ -280,7 +287,9 @@ def _compute_criterion(fit: _ShapeFit, independent: float) -> float:
     """Compute Schwarz's criterion for a number of independent residuals."""
     power = max(_compute_cost(fit.fitted), 1e-30)
     free = fit.fitted.shape.size + fit.fitted.weights.size
-    return independent * math.log(power / independent) + free * math.log(independent)
+    misfit = independent * math.log(power / independent)
+    price_of_freedom = free * math.log(independent)
+    return misfit + price_of_freedom
 
 
 def _average_shapes(fits: list[_ShapeFit], release: float) -> WholeRecord:
@@ -297,15 +306,18 @@ def _average_shapes(fits: list[_ShapeFit], release: float) -> WholeRecord:
         """Average an estimate over the shapes by their shares."""
         return _average([estimate(fit) for fit in fits], shares)
 
-    instant = average(_ShapeFit.get_release)
+    since_release = average(_ShapeFit.get_release)
+    release_time = Estimate(release + since_release.value, since_release.std)
+    peak_force = average(_ShapeFit.estimate_peak)
+    ring_amplitude = average(_ShapeFit.estimate_amplitude)
     noise = np.sqrt(np.mean(best.fitted.residuals**2))
     return WholeRecord(
         shape=best.shape,
         probability=float(shares.max()),
         fall_time=best.fall_time,
-        peak_force=average(_ShapeFit.estimate_peak),
-        ring_amplitude=average(_ShapeFit.estimate_amplitude),
-        release_time=Estimate(release + instant.value, instant.std),
+        peak_force=peak_force,
+        ring_amplitude=ring_amplitude,
+        release_time=release_time,
         slope=average(_ShapeFit.get_slope),
         frequency=average(_ShapeFit.get_frequency),
         decay_time=average(_ShapeFit.get_decay_time),
@@ -318,4 +330,5 @@ def _average(estimates: list[Estimate], shares: Array) -> Estimate:
     values = np.array([estimate.value for estimate in estimates])
     variances = np.array([estimate.std**2 for estimate in estimates])
     mean = float(shares @ values)
-    return Estimate(mean, math.sqrt(float(shares @ (variances + (values - mean) ** 2))))
+    squares = variances + (values - mean) ** 2
+    return Estimate(mean, math.sqrt(float(shares @ squares)))
