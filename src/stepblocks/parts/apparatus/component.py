@@ -110,7 +110,9 @@ class Component:
 
     def move(self, by: Point3) -> "Component":
         """Return it elsewhere [m], with the faces of its held distances."""
-        held = [_move_characteristic(distance, by) for distance in self.held]
+        held = []
+        for distance in self.held:
+            held.append(_move_characteristic(distance, by))
         return replace(
             self,
             boxes=_move_solids(self.boxes, by),
@@ -162,5 +164,7 @@ def _move_characteristic(characteristic: Characteristic, by: Point3) -> Characte
 def _move_rule(rule: Rule, by: Point3) -> Rule:
     """Return the rule of a plane face that lies elsewhere [m]."""
     assert isinstance(rule, FaceRule)  # a held distance is one of two faces
-    holds = {axis: place + by[axis] for axis, place in rule.holds.items()}
+    holds = {}
+    for axis, place in rule.holds.items():
+        holds[axis] = place + by[axis]
     return replace(rule, at=rule.at + by[rule.axis], holds=holds)

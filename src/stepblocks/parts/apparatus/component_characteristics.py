@@ -48,8 +48,7 @@ def _list_plane_characteristics(component: Component, axis: int) -> Iterator[Cha
         size = _make_general_dimension(high - low)
         highest = describe_plane(axis, high)
         yield make_characteristic(name, "distance", size, lowest, highest, label=f"{name} over all")
-    ends_and_held = [low, high, *held]
-    inner = [place for place in planes if not _is_among(place, ends_and_held)]
+    inner = _leave_out(planes, [low, high, *held])
     for number, place in enumerate(inner, start=1):
         label = f"{name}, face {number} from the {_SIDES[axis]}"
         face = describe_plane(axis, place)
@@ -71,6 +70,15 @@ def _list_plane_places(component: Component, axis: int) -> list[float]:
     return places
 
 
+def _leave_out(places: list[float], known: list[float]) -> list[float]:
+    """Return the coordinates that are none of those which are known [m]."""
+    left = []
+    for place in places:
+        if not _is_among(place, known):
+            left.append(place)
+    return left
+
+
 def _is_among(place: float, places: list[float]) -> bool:
     """Tell whether a coordinate is one of several."""
     return any(abs(place - known) < _SAME for known in places)
@@ -88,21 +96,26 @@ def _list_cylinder_characteristics(
     component: Component, cylinder: Cylinder, key: str, label: str
 ) -> Iterator[Characteristic]:
     """List the diameter of a rod or bore, and where its axis lies."""
-    held_axes = (*cylinder.cross_axis_indices, cylinder.axis_index)
-    holds = {axis: cylinder.middle[axis] for axis in held_axes}
+    holds = {}
+    for axis in (*cylinder.cross_axis_indices, cylinder.axis_index):
+        holds[axis] = cylinder.middle[axis]
     face = FaceRule("CYLINDER", radius=0.5 * cylinder.diameter, holds=holds)
+    dimension = _make_diameter_dimension(cylinder)
+    description = _describe_bore(component, cylinder)
     yield make_characteristic(
         key,
         "diameter",
-        _make_diameter_dimension(cylinder),
+        dimension,
         face,
-        label=f"{label}, along {cylinder.axis}{_describe_bore(component, cylinder)}",
+        label=f"{label}, along {cylinder.axis}{description}",
         method=_choose_bore_method(component, cylinder),
     )
     for axis in cylinder.cross_axis_indices:
         low = component.bounding_box.low[axis]
         offset = cylinder.start[axis] - low
-        sides = [box.low[axis] for box in component.boxes]
+        sides = []
+        for box in component.boxes:
+            sides.append(box.low[axis])
         if _is_among(low, sides) and offset > _LEAST_OFFSET:
             side = describe_plane(axis, low)
             name = f"{label} from the {_SIDES[axis]}"
@@ -131,9 +144,11 @@ def _describe_bore(component: Component, cylinder: Cylinder) -> str:
     thread = ""
     if cylinder.thread:
         thread = f" for {cylinder.thread}"
+    axis = cylinder.axis_index
+    start, end = cylinder.start[axis], cylinder.end[axis]
     for box in component.boxes:
-        same_start = abs(box.low[cylinder.axis_index] - cylinder.start[cylinder.axis_index]) < _SAME
-        same_end = abs(box.high[cylinder.axis_index] - cylinder.end[cylinder.axis_index]) < _SAME
+        same_start = abs(box.low[axis] - start) < _SAME
+        same_end = abs(box.high[axis] - end) < _SAME
         if same_start and same_end:
             return thread
     for rod in component.rods:

@@ -99,7 +99,10 @@ def compute_normal_load(kit: Apparatus, mass: float) -> Load:
     """
     gravity = kit.gravity.value
     force = mass * gravity
-    carried = [part for part in list_components(kit, mass) if part.is_on_pivot]
+    carried = []
+    for component in list_components(kit, mass):
+        if component.is_on_pivot:
+            carried.append(component)
     counterweight = _find_component(carried, "counterweight")
     pressing = gravity * _sum_masses(carried)
     _, offset = kit.weight_offset.limits
@@ -140,7 +143,10 @@ def compute_pull(kit: Apparatus, mass: float) -> Load:
     weight = (mass + hanger.mass) * gravity
     ratio = PULLEY_BORE / PULLEY_DIAMETER
     pulley = math.sqrt(2.0) * weight * kit.friction.pulley.value * ratio
-    moving = [part for part in components if part.is_moving]
+    moving = []
+    for component in components:
+        if component.is_moving:
+            moving.append(component)
     carriage = kit.friction.carriage.value * gravity * _sum_masses(moving)
     budget = (
         ErrorComponent(ErrorSource.MASS, kit.weight_tolerance.value * weight),
@@ -153,4 +159,8 @@ def compute_pull(kit: Apparatus, mass: float) -> Load:
 
 def find_largest_common_std(kit: Apparatus) -> float:
     """Find the largest uncertainty of a normal load that is the same in all trials [N]."""
-    return max(compute_normal_load(kit, mass).common_std for mass in kit.normal_weights)
+    stds = []
+    for mass in kit.normal_weights:
+        load = compute_normal_load(kit, mass)
+        stds.append(load.common_std)
+    return max(stds)

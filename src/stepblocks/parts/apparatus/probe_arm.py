@@ -233,19 +233,17 @@ def _list_arm_components() -> Iterator[Component]:
     hub = make_box((-46.0, -4.0, -5.0), (-34.0, 4.0, 22.0))
     beam = make_box((-34.0, -4.0, 14.0), (-8.0, 4.0, 22.0))
     head = make_box((-8.0, -8.0, 14.0), (0.0, 8.0, 22.0))
-    bores = [
-        make_bore("y", (_PIVOT, -4.0, 0.0), 1e3 * PIVOT_BORE, 8.0, "H7"),
-        make_bore("x", (-46.0, 0.0, _ARM_HEIGHT), _BALANCE_ROD, 8.0, "H7"),
-        make_bore("x", (-8.0, -5.0, _ARM_HEIGHT), 2.05, 8.0, "M2.5"),
-        make_bore("x", (-8.0, 5.0, _ARM_HEIGHT), 2.05, 8.0, "M2.5"),
-        replace(grip, inward=(-1.0, 0.0, 0.0)),
-    ]
+    axle_bore = make_bore("y", (_PIVOT, -4.0, 0.0), 1e3 * PIVOT_BORE, 8.0, "H7")
+    rod_bore = make_bore("x", (-46.0, 0.0, _ARM_HEIGHT), _BALANCE_ROD, 8.0, "H7")
+    front_thread = make_bore("x", (-8.0, -5.0, _ARM_HEIGHT), 2.05, 8.0, "M2.5")
+    back_thread = make_bore("x", (-8.0, 5.0, _ARM_HEIGHT), 2.05, 8.0, "M2.5")
+    half_grip = replace(grip, inward=(-1.0, 0.0, 0.0))
     yield Component(
         "arm",
         "Arm",
         "aluminium",
         boxes=(hub, beam, head),
-        bores=tuple(bores),
+        bores=(axle_bore, rod_bore, front_thread, back_thread, half_grip),
         is_moving=True,
         is_on_pivot=True,
     )
@@ -319,7 +317,11 @@ def _make_counterweight(carried: list[Component]) -> Component:
 
     Its length is a whole number of tenths of a millimetre; its place makes up for the rest.
     """
-    moment = math.fsum(part.mass * (part.centre[0] + ARM) for part in carried)  # [kg m]
+    moments = []
+    for part in carried:
+        lever_of_part = part.centre[0] + ARM
+        moments.append(part.mass * lever_of_part)
+    moment = math.fsum(moments)  # [kg m]
     usual_lever = -ARM - 1e-3 * _COUNTERWEIGHT_PLACE  # [m]
     area = 0.25 * math.pi * 1e-6 * (_COUNTERWEIGHT**2 - _BALANCE_ROD**2)  # [m^2]
     mass_per_length = area * _find_density("brass")  # [kg/m]
