@@ -236,8 +236,17 @@ def _drop_weakest(
 
     What was taken out along the run without a claim, one of `walks`, goes first.
     """
-    droppable = [finding for finding in findings if finding.effect.id not in kept]
-    weakest = min(droppable, key=lambda finding: (finding.effect.id not in walks, finding.gain))
+    droppable = []
+    for finding in findings:
+        if finding.effect.id not in kept:
+            droppable.append(finding)
+
+    def rank(finding: Finding) -> tuple[bool, float]:
+        """Rank what was taken out without a claim first, then by the gain."""
+        is_claim = finding.effect.id not in walks
+        return is_claim, finding.gain
+
+    weakest = min(droppable, key=rank)
     return tuple(finding for finding in findings if finding is not weakest)
 
 

@@ -125,25 +125,29 @@ def compute_directions(
     view = _View.build(problem, known, vectors)
     shaped = _list_shaped_laws(effects)
     by_slope: dict[_SlopeKey, list[int]] = {}
-    others: list[int] = []
+    without_size: list[int] = []
     for number, member in enumerate(shaped):
         if isinstance(member.law.apply, SizedChange):
             by_slope.setdefault(_name_slope(problem, member.law), []).append(number)
         else:
-            others.append(number)
+            without_size.append(number)
     shared = _Shared()
     found: dict[int, Direction | None] = {}
     for numbers in by_slope.values():
         members = [shaped[number] for number in numbers]
         directions = _span_sized_laws(problem, base, view, members, shared)
         found |= zip(numbers, directions, strict=True)
-    for first in range(0, len(others), _BATCH):
-        numbers = others[first : first + _BATCH]
+    for first in range(0, len(without_size), _BATCH):
+        numbers = without_size[first : first + _BATCH]
         members = [shaped[number] for number in numbers]
         directions = _span_other_laws(problem, base, view, members)
         found |= zip(numbers, directions, strict=True)
-    in_order = [found[number] for number in range(len(shaped))]
-    return [direction for direction in in_order if direction is not None]
+    in_order = []
+    for number in range(len(shaped)):
+        direction = found[number]
+        if direction is not None:
+            in_order.append(direction)
+    return in_order
 
 
 def compute_unit_changes(
@@ -281,14 +285,17 @@ def _span_sized_laws(
 ) -> list[Direction | None]:
     """Find the directions of laws that share a slope; see `compute_directions`."""
     sizes = []
+    counts = []
     for member in members:
         slope, of_law = _find_sizes(problem, base, member, shared)
         sizes.append(of_law)
+        counts.append(of_law.shape[1])
     # the last slope is that of all members
     turned = view.turn(slope[:, :, None])[:, :, 0]
     together = np.concatenate(sizes, axis=1)
-    seen = view.see_sized(turned, np.where(np.isfinite(together), together, 0.0))
-    return _span_directions(members, [of_law.shape[1] for of_law in sizes], seen)
+    finite = np.where(np.isfinite(together), together, 0.0)
+    seen = view.see_sized(turned, finite)
+    return _span_directions(members, counts, seen)
 
 
 def _span_other_laws(

@@ -141,14 +141,20 @@ def _compute_unknown_shift(problem: Problem, fitted: Fit, grid: Trials, ahead: F
     The shift is that of one prior standard deviation, shape (m, c).
     """
     new = _list_new_parameters(problem, fitted, grid)
-    shifted = {p.name: p.start + p.prior_std for p in new}
+    shifted = {}
+    for parameter in new:
+        shifted[parameter.name] = parameter.start + parameter.prior_std
     moved = problem.model.predict(grid, fitted.values | shifted, fitted.active_effects)
     return np.asarray(moved - ahead)
 
 
 def _list_new_parameters(problem: Problem, fitted: Fit, grid: Trials) -> list[Parameter]:
     """List the parameters of a grid that no trial has known yet, such as those of a new block."""
-    return [p for p in problem.model.parameters(grid) if p.name not in fitted.values]
+    new = []
+    for parameter in problem.model.parameters(grid):
+        if parameter.name not in fitted.values:
+            new.append(parameter)
+    return new
 
 
 def _count_repeats(difference: Floats, scatter: Floats, common: Floats) -> int:

@@ -212,7 +212,10 @@ def compute_detectable(
     dict
         Amplitude by the name of the law, in the unit of its amplitude.
     """
-    considered = [law for law in effects if len(law.amplitudes) == 1]
+    considered = []
+    for law in effects:
+        if len(law.amplitudes) == 1:
+            considered.append(law)
     known = build_tangent_basis(base)
     # the root of the expected gain exceeds that of the gain that opens the gate by 1.28 standard
     # deviations

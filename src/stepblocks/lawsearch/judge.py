@@ -84,7 +84,10 @@ def _judge_effect(
     problem, current = found.problem, found.extended
     base = fit_without(problem, current, effect)
     rivals = _list_rivals(found, effect, base, candidates, rules)
-    elsewhere = [rival for rival in rivals if _is_other_claim(rival.effect, effect)]
+    elsewhere = []
+    for rival in rivals:
+        if _is_other_claim(rival.effect, effect):
+            elsewhere.append(rival)
     gain = base.cost - current.cost
     doubt = _find_doubt(found, effect, base, gain)
     if doubt is not None:

@@ -48,7 +48,10 @@ def follows_time(problem: Problem, effect: Law) -> bool:
 
 def fit_without_time_effects(problem: Problem, current: Fit) -> Fit:
     """Fit again without the effects that follow time."""
-    remaining = tuple(law for law in current.effects if not follows_time(problem, law))
+    remaining = []
+    for law in current.effects:
+        if not follows_time(problem, law):
+            remaining.append(law)
     return fit(problem, remaining, current.values)
 
 

@@ -238,7 +238,11 @@ def _describe_step(candidates: Sequence[Law], current: Fit) -> str:
 def _list_untried(candidates: Sequence[Law], current: Fit) -> list[Law]:
     """List the candidates that are no effect of a fit."""
     present = current.effect_ids
-    return [law for law in candidates if law.id not in present]
+    untried = []
+    for law in candidates:
+        if law.id not in present:
+            untried.append(law)
+    return untried
 
 
 def add_or_replace_effect(
@@ -262,19 +266,21 @@ def add_or_replace_effect(
     """
     added = chosen.effects[-1]
     same_place = []
+    elsewhere = []
     for law in current.effects:
         if law.place == added.place and law.covariate not in ("none", "block"):
             same_place.append(law)
+        else:
+            elsewhere.append(law)
     if not same_place:
         return chosen
     # the law that stands there is too stiff
-    other_effects = tuple(law for law in current.effects if law not in same_place)
-    base = fit(problem, other_effects, current.values)
+    base = fit(problem, elsewhere, current.values)
     better = []
     for law in _list_untried(candidates, current):
         if law.named or law.place != added.place:
             continue
-        fitted = fit(problem, (*other_effects, law), base.values)
+        fitted = fit(problem, [*elsewhere, law], base.values)
         if fitted.criterion < current.criterion - _LEAST_SMOOTH_GAIN:
             better.append(fitted)
     if better:
