@@ -225,13 +225,15 @@ def build_event_record(event: VibrationEvent, scale: float = 1.0) -> dict[str, o
 
 def _describe_release(event: VibrationEvent, scale: float) -> dict[str, object]:
     """Describe where and how the probe releases, lengths magnified by a scale."""
+    shown_position = event.trigger_position * scale
+    shown_height = event.trigger_height * scale
     return {
         "stimulus": event.stimulus,
         "drag": event.drag,
         "status": event.status.value,
         "direction_xyz": [event.direction, 0, 0],
-        "trigger_position_m": event.trigger_position * scale,
-        "trigger_height_m": event.trigger_height * scale,
+        "trigger_position_m": shown_position,
+        "trigger_height_m": shown_height,
         "critical_angle_deg": math.degrees(event.critical_angle),
         "critical_force_n": event.critical_force,
         "energy_j": event.energy,

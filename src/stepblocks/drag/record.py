@@ -127,8 +127,11 @@ def build_record(drag: DragResult) -> DragRecord:
     """Build the record of a drag."""
     trace, ring = drag.trace, drag.ring
     events = json.loads(drag.events.to_json(orient="records", double_precision=15))
-    elsewhere = drag.events[drag.events.belongs_to != Belonging.FEATURE.value]
+    is_elsewhere = drag.events.belongs_to != Belonging.FEATURE.value
+    elsewhere = drag.events[is_elsewhere]
     other_releases = (elsewhere.status == Status.RELEASES.value).sum()
+    reason = _explain_status(trace, ring)
+    texture = _describe_texture(elsewhere, drag.ball_radius)
     return DragRecord(
         subject=drag.title,
         status=str(trace.status),
@@ -141,10 +144,10 @@ def build_record(drag: DragResult) -> DragRecord:
         tool_frequency_deviation_hz=drag.tool.frequency_deviation,
         events=events,
         other_releases=int(other_releases),
-        reason=_explain_status(trace, ring),
+        reason=reason,
         limit=_describe_limit(drag),
         setting=drag.setting,
-        texture=_describe_texture(elsewhere, drag.ball_radius),
+        texture=texture,
         ring=_describe_ring(trace, ring),
         equation_1=_describe_formula(drag.formula),
         comparison=_compare_with_formula(drag),

@@ -112,11 +112,15 @@ def compose_record(
     effects = [_describe_finding(f, explanation, table) for f in explanation.findings]
     hints = [_describe_hint(hint, table) for hint in explanation.hints]
     mislabelled = [trial for trial in table.excluded if trial.is_mislabelled]
+    nominal = _describe_model(explanation.nominal, spring, nominal_errors)
+    extended = _describe_model(explanation.extended, spring, extended_errors)
+    left_open = between.left_open[:, ENERGY]
+    calibration = list(map(_describe_check, checks))
     record = LoopRecord(
         finding="",
         verdict=explanation.verdict,
-        nominal=_describe_model(explanation.nominal, spring, nominal_errors),
-        extended=_describe_model(explanation.extended, spring, extended_errors),
+        nominal=nominal,
+        extended=extended,
         effects=effects,
         rivals=_list_rivals(explanation),
         hints=hints,
@@ -132,10 +136,10 @@ def compose_record(
         adequacy=_describe_adequacy(explanation, rules, pure_error),
         identifiability=_describe_identifiability(explanation),
         scans=_describe_scans(scans),
-        left_open_on_new_blocks=table.names[between.left_open[:, ENERGY]].tolist(),
+        left_open_on_new_blocks=table.names[left_open].tolist(),
         selected_in_folds=[*within.selected, *between.selected],
         trials_analysed=len(table.trials),
-        calibration=list(map(_describe_check, checks)),
+        calibration=calibration,
         notes=table.notes,
         error_by_block=list_block_errors(table, within, floor.ln_energy_rms),
     )

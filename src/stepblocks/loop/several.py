@@ -230,14 +230,21 @@ def _join_trials(tables: Mapping[str, SessionTable], model: SessionModel) -> Tri
     covariates = _join_common_covariates(parts)
     orders = [model.order(trials) for trials in parts]
     covariates["run_order"] = _join_run_orders(orders)
-    covariates["session"] = np.repeat(list(tables), list(map(len, orders)))
+    trial_counts = list(map(len, orders))
+    covariates["session"] = np.repeat(list(tables), trial_counts)
+    values, stds, blocks, floors = [], [], [], []
+    for trials in parts:
+        values.append(trials.values)
+        stds.append(trials.std)
+        blocks.append(trials.block)
+        floors.append(_get_censoring_floors(trials))
     return Trials(
         covariates=covariates,
         channels=parts[0].channels,
-        values=np.concatenate([trials.values for trials in parts]),
-        std=np.concatenate([trials.std for trials in parts]),
-        block=np.concatenate([trials.block for trials in parts]),
-        floor=np.concatenate([_get_censoring_floors(trials) for trials in parts]),
+        values=np.concatenate(values),
+        std=np.concatenate(stds),
+        block=np.concatenate(blocks),
+        floor=np.concatenate(floors),
     )
 
 

@@ -94,23 +94,26 @@ class Pair:
 
     def tabulate(self) -> dict[str, Cell | bool]:
         """Put the pair into the columns of the table of pairs."""
-        point = self.first.point
+        first = self.first
+        point = first.point
+        distance = self.distance
+        felt_energy, compared_energy = self.energies
         return {
-            "set": self.first.set_name,
-            "drag": self.first.way,
+            "set": first.set_name,
+            "drag": first.way,
             "tip_radius_um": point.ball_radius * 1e6,
             "normal_load_n": point.normal_load,
             "friction": point.friction,
-            "stimulus": self.first.edge_name,
+            "stimulus": first.edge_name,
             "compared_with": self.second.edge_name,
             "neighbours": self.neighbours,
             "felt_by": self.felt_by,
-            "felt_energy_uj": self.energies[0] * 1e6,
-            "compared_energy_uj": self.energies[1] * 1e6,
-            "jnd": self.distance.jnd,
-            "jnd_95_low": self.distance.low,
-            "jnd_95_high": self.distance.high,
-            "correct_share": self.distance.correct_share,
+            "felt_energy_uj": felt_energy * 1e6,
+            "compared_energy_uj": compared_energy * 1e6,
+            "jnd": distance.jnd,
+            "jnd_95_low": distance.low,
+            "jnd_95_high": distance.high,
+            "correct_share": distance.correct_share,
         }
 
 

@@ -150,6 +150,7 @@ def _tabulate_ring(condition: Condition, bare: Condition, tool: Tool) -> dict[st
     spread = tool.frequency_deviation / tool.frequency
     frequency_shift = ring.frequency - bare.ring.frequency
     decay_shift = ring.decay_time - bare.ring.decay_time
+    frequency_deviation = spread * ring.frequency
     bare_work = bare.ring.stiffness / bare.ring.compute_mean_energy(duration)
     energy_ratio = bare_work * ring.compute_mean_energy(duration) / ring.stiffness
     sensor_ratio = condition.sensed / bare.sensed
@@ -159,7 +160,7 @@ def _tabulate_ring(condition: Condition, bare: Condition, tool: Tool) -> dict[st
         "mass_g": f"{condition.mass * 1e3:.4g}",
         "stiffness_n_mm": f"{ring.stiffness * 1e-3:.4g}",
         "frequency_hz": f"{ring.frequency:.1f}",
-        "frequency_deviation_hz": f"{spread * ring.frequency:.1f}",
+        "frequency_deviation_hz": f"{frequency_deviation:.1f}",
         "frequency_shift_hz": f"{frequency_shift:+.1f}",
         "decay_time_ms": f"{ring.decay_time * 1e3:.2f}",
         "decay_shift_ms": f"{decay_shift * 1e3:+.2f}",

@@ -60,12 +60,14 @@ def read_filled_sheet(path: Path, layout: TableLayout = UNDECLARED) -> list[QifR
 def _read_line(cells: Mapping[str, str], notation: NumberNotation) -> QifResult:
     """Return what a line states, by column; nan where a size is no number or its unit unknown."""
     factor = _FACTORS.get(cells[_UNIT], math.nan)
+    value = factor * _parse_number(cells[_VALUE], notation)
+    std = factor * _parse_number(cells.get(_STD, ""), notation)
     return QifResult(
         name=cells[_CHARACTERISTIC],
         designator=cells[_NUMBER],
         kind="",
-        value=factor * _parse_number(cells[_VALUE], notation),
-        std=factor * _parse_number(cells.get(_STD, ""), notation),
+        value=value,
+        std=std,
         status="",
         nominal=math.nan,
         limits=(math.nan, math.nan),

@@ -90,12 +90,16 @@ def _find_nominal_height(row: Mapping[str, str], heights: Mapping[float, float])
 
 def _build_design(plan: SessionPlan, row: Mapping[str, str], height: float) -> BenchDesign:
     """Return the conditions of one trial in SI."""
-    numbers = {name: np.array([float(row[name])]) for name in NUMBERS if name in row}
+    numbers = {}
+    for name in NUMBERS:
+        if name in row:
+            numbers[name] = np.array([float(row[name])])
+    speed = numbers["speed_mm_s"] / 1e3
     return BenchDesign(
         np.array([row["block"]]),
         np.array([height]),
         numbers["load_n"],
-        numbers["speed_mm_s"] / 1e3,
+        speed,
         np.array([plan.model.tip_radius]),
         plan.model.spring_constant,
         numbers,

@@ -98,7 +98,9 @@ def build_bench_design(
 
     `laws` are known beforehand: each by name with its numbers, as `build_laws` takes them.
     """
-    columns = {name: np.asarray(covariates[name], dtype=np.float64) for name in _COLUMNS}
+    columns = {}
+    for name in _COLUMNS:
+        columns[name] = np.asarray(covariates[name], dtype=np.float64)
     return BenchDesign(
         block,
         height=columns["height_um"] * 1e-6,
@@ -223,22 +225,27 @@ def build_nominal_state(design: BenchDesign, values: Mapping[str, float | Floats
     omega = 2.0 * np.pi * frequency
     damper = 2.0 * spring_constant / (omega**2 * decay_time)
     damper_share = values.get("damper_share", 0.0)
+    damper_force = -damper_share * damper * design.speed
+    height = design.height + errors[inverse]
+    radius = design.tip_radius + values.get("edge_radius", 0.0)
+    conversion = np.exp(values["ln_conversion"]) * unity
+    ramp_stiffness = spring_constant * values["stiffness_ratio"] * unity
     state = _build_empty_state(len(design.block)).changed(
-        height=design.height + errors[inverse],
-        radius=design.tip_radius + values.get("edge_radius", 0.0),
+        height=height,
+        radius=radius,
         friction=values["friction"] * sliding,
         load=design.load + load_error,
         set_load=design.load,
         speed=design.speed,
-        stiffness=spring_constant * values["stiffness_ratio"] * unity,
+        stiffness=ramp_stiffness,
         ring_stiffness=spring_constant * unity,
-        conversion=np.exp(values["ln_conversion"]) * unity,
+        conversion=conversion,
         edge_factor=at_release,
         damping=unity,
         gain=unity,
         normal_gain=unity,
         sensed_offset=load_error,
-        climb_drag=-damper_share * damper * design.speed,
+        climb_drag=damper_force,
         frequency=frequency,
         decay_time=decay_time,
         nominal_stiffness=spring_constant,

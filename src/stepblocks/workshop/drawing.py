@@ -225,15 +225,19 @@ def _list_fields(part: Part, order: OrderSpec) -> dict[str, str]:
 
 def _list_order_fields(order: OrderSpec) -> dict[str, str]:
     """List the fields of the title block that the order states."""
-    return {
-        "drawn by": order.author or "-",
-        "approved by": order.approved_by or "-",
-        "owner": order.owner or "-",
-        "date": order.date or "-",
-        "revision": order.revision or "-",
-        "quantity": str(order.quantity),
-        "sheet": "1 of 1",
+    stated = {
+        "drawn by": order.author,
+        "approved by": order.approved_by,
+        "owner": order.owner,
+        "date": order.date,
+        "revision": order.revision,
     }
+    fields = {}
+    for field, text in stated.items():
+        fields[field] = text or "-"
+    fields["quantity"] = str(order.quantity)
+    fields["sheet"] = "1 of 1"
+    return fields
 
 
 def _list_series_fields(series: SeriesSheet, order: OrderSpec) -> dict[str, str]:

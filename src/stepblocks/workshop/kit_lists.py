@@ -59,9 +59,13 @@ def tabulate_parts(kit: Apparatus) -> list[dict[str, object]]:
     """
     components = list_components(kit)
     items = {component.name: number for number, component in enumerate(components, start=1)}
-    rows = [_make_row(MADE, [items[part.name]], [part]) for part in components if part.is_made]
+    rows = []
+    for component in components:
+        if component.is_made:
+            rows.append(_make_row(MADE, [items[component.name]], [component]))
     for group in _group_bought(components):
-        rows.append(_make_row(BOUGHT, [items[part.name] for part in group], group))
+        items_of_group = [items[component.name] for component in group]
+        rows.append(_make_row(BOUGHT, items_of_group, group))
     rows += _list_weights(kit, items[WEIGHT_NAME])
     for fastener in _FASTENERS:
         rows.append(_make_unnumbered_row(fastener.count, fastener.what, fastener.purpose))
@@ -80,13 +84,17 @@ def _group_bought(components: Sequence[Component]) -> list[list[Component]]:
 def _make_row(source: str, items: Sequence[int], parts: Sequence[Component]) -> dict[str, object]:
     """Make a row of parts that are ordered alike."""
     first = parts[0]
+    name, material = "", ""
+    if first.is_made:
+        name = first.name
+        material = first.material.order_text
     return {
         "items": " ".join(map(str, items)),
         "count": len(parts),
         "source": source,
         "what": first.designation or first.title,
-        "part": first.name if first.is_made else "",
-        "material": first.material.order_text if first.is_made else "",
+        "part": name,
+        "material": material,
         "mass_g": 1e3 * first.mass,
         "purpose": first.title,
     }

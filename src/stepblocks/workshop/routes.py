@@ -318,7 +318,6 @@ def _compute_share(mean: float, std: float, low: float, high: float) -> float:
 def make_route_row(name: str, route: Route) -> dict[str, object]:
     """Put a route of the part `name` into the columns of ``routes.csv``."""
     process = route.process
-    felt = route.felt
     cost_class = ""
     if process.cost is not None:
         cost_class = f"{process.cost.value:g}"
@@ -328,22 +327,37 @@ def make_route_row(name: str, route: Route) -> dict[str, object]:
         "cost_class": cost_class,
         "height_deviation_um": route.deviation * 1e6,
         "permitted_um": route.tolerance * 1e6,
-        "edge_radius_um": process.edge_radius.value * 1e6,
-        "edge_spread_um": process.edge_spread.value * 1e6,
-        "burr_um": process.burr.value * 1e6,
-        "burr_spread_um": process.burr_spread.value * 1e6,
-        "roughness_ra_um": process.roughness.value * 1e6,
-        "status": str(felt.status),
-        "energy_uj": felt.energy * 1e6,
-        "energy_95_low_uj": felt.energy_low * 1e6,
-        "energy_95_high_uj": felt.energy_high * 1e6,
-        "held_share": felt.held_probability,
+        **_list_process_columns(process),
+        **_list_felt_columns(route),
         "conforming_share": route.conforming,
         "reaches": route.reach.value,
         "missed": "; ".join(route.missed),
         "not_known": "; ".join(route.unknown),
         "note": route.note,
         "sources": "; ".join(_list_sources(process)),
+    }
+
+
+def _list_process_columns(process: Process) -> dict[str, object]:
+    """List what a process leaves on an edge, by the columns of ``routes.csv``."""
+    return {
+        "edge_radius_um": process.edge_radius.value * 1e6,
+        "edge_spread_um": process.edge_spread.value * 1e6,
+        "burr_um": process.burr.value * 1e6,
+        "burr_spread_um": process.burr_spread.value * 1e6,
+        "roughness_ra_um": process.roughness.value * 1e6,
+    }
+
+
+def _list_felt_columns(route: Route) -> dict[str, object]:
+    """List what is felt of the parts of a route, by the columns of ``routes.csv``."""
+    felt = route.felt
+    return {
+        "status": str(felt.status),
+        "energy_uj": felt.energy * 1e6,
+        "energy_95_low_uj": felt.energy_low * 1e6,
+        "energy_95_high_uj": felt.energy_high * 1e6,
+        "held_share": felt.held_probability,
     }
 
 

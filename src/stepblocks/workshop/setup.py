@@ -122,22 +122,24 @@ def write_setup(
 def _render_setup_sheet(block: Block, routes: Sequence[Route], pair: GaugePair | None) -> str:
     """Render the setup sheet as HTML."""
     stock_sizes = _measure_stock(block)
+    stock = [format_millimetres(size, 1) for size in stock_sizes]
     allowances = compute_allowances(block)
     left_dimensions = list_left_dimensions(block)
+    unproven = [line.label for line in left_dimensions if line.accepted is None]
     letters = _find_letters(block, allowances)
+    letters_middle = format_millimetres(letters.middle, 3)
+    lapped = find_lapping_removal(block).high
+    last_edge = block.list_felt_edges()[-1]
     relief = second = None
     if isinstance(block, StepBlock):
         relief = block.relief
         second = block.second_step
-    unproven = [line.label for line in left_dimensions if line.accepted is None]
     base = None
     grade: Grade | None = None
     if pair is not None:
         grade = GRADES[pair.grade]
         if isinstance(block, StepBlock):
             base = make_gauge_base(block, pair)
-    stock = [format_millimetres(size, 1) for size in stock_sizes]
-    last_edge = block.list_felt_edges()[-1]
     return render_page(
         "stepblocks.workshop",
         "setup.html",
@@ -155,10 +157,10 @@ def _render_setup_sheet(block: Block, routes: Sequence[Route], pair: GaugePair |
         left_lines=_list_left_lines(left_dimensions),
         unproven=unproven,
         countersink=_describe_countersink(block, allowances),
-        letters_middle=format_millimetres(letters.middle, 3),
+        letters_middle=letters_middle,
         letters=letters.text,
         letters_place=letters.place,
-        lapped=format_millimetres(find_lapping_removal(block).high, 3),
+        lapped=format_millimetres(lapped, 3),
         probe=f"{PROBE * 1e6:g} um",
         guard=GUARD_FACTOR,
         has_gap=isinstance(block, MarginBlock),

@@ -202,10 +202,11 @@ def find_lapping_removal(block: Block) -> Band:
     It may take a quarter of the tolerance of the thickness, and half of that of the edge breaks
     beside it.
     """
-    most = min(_MOST_LAPPED, 0.5 * _find_thickness(block).half_width)
+    most_lapped = min(_MOST_LAPPED, 0.5 * _find_thickness(block).half_width)
     if block.body.edge_break.nominal > 0.0:
-        most = min(most, Band.from_dimension(block.body.edge_break).half_width)
-    return Band(0.0, max(most, _LEAST_LAPPED))
+        of_edge_break = Band.from_dimension(block.body.edge_break).half_width
+        most_lapped = min(most_lapped, of_edge_break)
+    return Band(0.0, max(most_lapped, _LEAST_LAPPED))
 
 
 def _find_base_grinding_removal(block: Block, allowances: Allowances) -> Band:
@@ -239,9 +240,9 @@ def _find_counterbore_floor(mounting: Mounting, thickness: Band, ground: Band) -
     The depth of a counterbore is the thickness less this floor after grinding.
     """
     depth = Band.from_dimension(mounting.depth)
-    least = thickness.high + ground.high - depth.high
-    most = thickness.low + ground.low - depth.low
-    return Band(least, most)
+    lowest = thickness.high + ground.high - depth.high
+    highest = thickness.low + ground.low - depth.low
+    return Band(lowest, highest)
 
 
 def _list_edge_breaks(block: Block, lapped: Band) -> Iterator[LeftDimension]:

@@ -340,6 +340,8 @@ def _describe_block(
 ) -> DesignedBlock:
     """Say what a block gives."""
     low, high = np.quantile(spread.all, _TAILS, method="inverted_cdf")
+    level = compute_level(felt.energy, point.tool)
+    held_share = np.isinf(spread.making).mean()
     return DesignedBlock(
         id=felt.part.id,
         wanted=placed.target.wanted,
@@ -347,10 +349,10 @@ def _describe_block(
         exact_size=placed.size,
         size=placed.made_size,
         energy=felt.energy,
-        level=compute_level(felt.energy, point.tool),
+        level=level,
         energy_low=float(low),
         energy_high=float(high),
-        held=float(np.isinf(spread.making).mean()),
+        held=float(held_share),
         further_sizes=placed.further_sizes,
     )
 

@@ -49,18 +49,23 @@ def render_study(result: StudyResult) -> str:
     measures = [measure.name for measure in result.measures]
     has_covariate = any(measure.mixed.slope for measure in result.measures)
     has_groups = any(measure.groups for measure in result.measures)
+    title = EXPERIMENTS[result.experiment].title
+    notes = [*result.notes, *result.remarks, *_list_remarks(result)]
+    conditions = sorted(result.frame["condition"].unique())
+    people = result.frame["participant"].nunique()
+    stimuli = result.frame["stimulus"].nunique()
     return render_page(
         "stepblocks.study",
         "study.html",
-        title=EXPERIMENTS[result.experiment].title,
+        title=title,
         headline=write_headline(result),
-        notes=[*result.notes, *result.remarks, *_list_remarks(result)],
+        notes=notes,
         figures=figures,
         tables=list(_split_table(result)),
-        conditions=sorted(result.frame["condition"].unique()),
-        people=result.frame["participant"].nunique(),
+        conditions=conditions,
+        people=people,
         judgements=len(result.frame),
-        stimuli=result.frame["stimulus"].nunique(),
+        stimuli=stimuli,
         measures=measures,
         covariate=has_covariate,
         groups=has_groups,

@@ -177,10 +177,13 @@ def plan_comparing(
             )
     if len(trials) < _FEWEST_LEVELS:
         raise StudyError(f"trials must be of {_FEWEST_LEVELS} blocks or more, got {len(trials)}")
+    compared_heights = [heights[name] for name in trials]
+    compared_energies = [energies[name] for name in trials]
+    numbers = [*trials.values()]
     return Comparing(
-        heights=np.array([heights[name] for name in trials]),
-        energies=np.array([energies[name] for name in trials]),
-        trials=np.array(list(trials.values()), dtype=np.float64),
+        heights=np.array(compared_heights),
+        energies=np.array(compared_energies),
+        trials=np.array(numbers, dtype=np.float64),
         standard_energy=energies[standard],
         observer=observer,
     )
