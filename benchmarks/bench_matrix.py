@@ -24,7 +24,7 @@ import sys
 import tempfile
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -472,8 +472,8 @@ def _share(count: int, of: int) -> str:
     return f"{count} of {of} ({100.0 * ends.low:.0f} to {100.0 * ends.high:.0f} %)"
 
 
-def main() -> None:
-    """Run the families and print a row for each."""
+def _parse_options() -> argparse.Namespace:
+    """Read the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
         "families",
@@ -489,7 +489,71 @@ def main() -> None:
         "--record", type=Path, help="file of results, one JSON line per session; gone on with"
     )
     parser.add_argument("--folds", action="store_true", help="end each session as the command does")
-    options = parser.parse_args()
+    return parser.parse_args()
+
+
+def _print_row(name: str, sessions: list[dict[str, Any]]) -> None:
+    """Print the row of a family."""
+    good = "none" if name.startswith("nothing") else "right"
+    right = sum(session["outcome"].startswith(good) for session in sessions)
+    values = [value for session in sessions for value in session["values"].values()]
+    errors = [abs(found / true - 1.0) for true, found, _ in values if true]
+    sizes = "-; -"
+    if errors:
+        inside = _count_held_truths(values)
+        sizes = f"{100.0 * float(np.median(errors)):.1f} %; {_share(inside, len(values))}"
+    before, after = math.nan, math.nan
+    known = [session["error"] for session in sessions if "error" in session]
+    if known:
+        before, after = np.median(known, axis=0).tolist()
+    seconds = np.mean([session["seconds"] for session in sessions])
+    print(
+        f"{name:50s} {_share(right, len(sessions))}; {sizes}; "
+        f"ln E_v {before:.3f} -> {after:.3f}; {seconds:.1f} s"
+    )
+
+
+def _count_held_truths(values: Iterable[tuple[float, float, float]]) -> int:
+    """Count the amplitudes, of (true, found, std), whose 95 % interval holds the truth."""
+    return sum(abs(found - true) < 1.96 * std for true, found, std in values)
+
+
+def _print_totals(sessions: list[dict[str, Any]], wandering: list[dict[str, Any]]) -> None:
+    """Print what all sessions came to, and those of wandering friction."""
+    print(
+        "laws of geometry claimed where there is none:",
+        _share(sum(session["false geometry"] for session in sessions), len(sessions)),
+    )
+    pooled = [value for session in sessions for value in session["values"].values()]
+    if pooled:
+        inside = _count_held_truths(pooled)
+        print("95 % intervals that hold the truth:", _share(inside, len(pooled)))
+    claimed = []
+    missed = []
+    for session in sessions:
+        if session["named law"] and "error" in session:
+            claimed.append(session["error"])
+        missed += session.get("missed", ())
+    if claimed:
+        print(
+            "named laws beside which the error of E_v does not fall:",
+            _share(sum(after >= before for before, after in claimed), len(claimed)),
+        )
+    if missed:
+        print(
+            "effects missed that are smaller than what their session says would have shown:",
+            _share(sum(size < shown for size, shown in missed), len(missed)),
+        )
+    if wandering:
+        print(
+            "named laws of wandering friction:",
+            _share(sum(session["named law"] for session in wandering), len(wandering)),
+        )
+
+
+def main() -> None:
+    """Run the families and print a row for each."""
+    options = _parse_options()
     names = list(WEEK) if options.families == ["week"] else options.families
     seeds = range(options.first, options.first + options.sessions)
     rows: dict[str, list[dict[str, Any]]] = defaultdict(list)
@@ -499,49 +563,11 @@ def main() -> None:
         f"{'planted':50s} right place; median error of the amplitude; 95 % intervals that hold "
         "it; error of ln E_v before and after; seconds"
     )
-    every = [r for own in rows.values() for r in own]
-    for name, own in rows.items():
-        good = "none" if name.startswith("nothing") else "right"
-        right = sum(r["outcome"].startswith(good) for r in own)
-        values = [v for r in own for v in r["values"].values()]
-        errors = [abs(found / true - 1.0) for true, found, _ in values if true]
-        inside = sum(abs(found - true) < 1.96 * std for true, found, std in values)
-        told = (
-            f"{100.0 * float(np.median(errors)):.1f} %; {_share(inside, len(values))}"
-            if errors
-            else "-; -"
-        )
-        known = [r["error"] for r in own if "error" in r]
-        before, after = np.median(known, axis=0).tolist() if known else (math.nan, math.nan)
-        print(
-            f"{name:50s} {_share(right, len(own))}; {told}; "
-            f"ln E_v {before:.3f} -> {after:.3f}; "
-            f"{np.mean([r['seconds'] for r in own]):.1f} s"
-        )
-    print(
-        "laws of geometry claimed where there is none:",
-        _share(sum(r["false geometry"] for r in every), len(every)),
-    )
-    pooled = [v for r in every for v in r["values"].values()]
-    if pooled:
-        inside = sum(abs(found - true) < 1.96 * std for true, found, std in pooled)
-        print("95 % intervals that hold the truth:", _share(inside, len(pooled)))
-    claimed = [r["error"] for r in every if r["named law"] and "error" in r]
-    if claimed:
-        print(
-            "named laws beside which the error of E_v does not fall:",
-            _share(sum(after >= before for before, after in claimed), len(claimed)),
-        )
-    if missed := [m for r in every for m in r.get("missed", ())]:
-        print(
-            "effects missed that are smaller than what their session says would have shown:",
-            _share(sum(size < shown for size, shown in missed), len(missed)),
-        )
-    if wandering := rows.get("wandering friction 3-15 %"):
-        print(
-            "named laws of wandering friction:",
-            _share(sum(r["named law"] for r in wandering), len(wandering)),
-        )
+    sessions = []
+    for name, of_family in rows.items():
+        _print_row(name, of_family)
+        sessions += of_family
+    _print_totals(sessions, rows.get("wandering friction 3-15 %", []))
 
 
 if __name__ == "__main__":

@@ -33,7 +33,7 @@ from oracles.feature_bench import (
 )
 from stepblocks.contact.operating_point import Tool
 from stepblocks.lawsearch.explain import explain
-from stepblocks.lawsearch.findings import Explanation, Rules, Verdict
+from stepblocks.lawsearch.findings import Explanation, Finding, Rules, Verdict
 from stepblocks.lawsearch.fit import fit
 from stepblocks.lawsearch.forward_model import Trials
 from stepblocks.lawsearch.identifiability import compare_directions
@@ -194,21 +194,32 @@ def judge(found: Explanation, truth: list[Law]) -> str:
     places = {e.place for e in truth}
     hits, undecided = set(), False
     for finding in found.findings:
-        listed = {finding.effect.place} | {r.effect.place for r in finding.rivals}
-        if finding.effect.place in places:
-            hits.add(finding.effect.place)
-            undecided |= finding.verdict is Verdict.AMBIGUOUS
-        elif finding.verdict is Verdict.AMBIGUOUS and listed & places:
-            hits |= listed & places
-            undecided = True
-        else:
+        is_ambiguous = finding.verdict is Verdict.AMBIGUOUS
+        hits_of_finding = find_hits(finding, places)
+        if not hits_of_finding:
             return "wrong"
+        hits |= hits_of_finding
+        undecided |= is_ambiguous
     foreign = all(t.id.startswith("foreign") for t in truth)
-    if foreign and any(f.effect.named and f.verdict is Verdict.EFFECT for f in found.findings):
+    if foreign and any(map(claims_name, found.findings)):
         return "wrong name"
     if undecided or found.verdict is Verdict.AMBIGUOUS:
         return "ambiguous"
     return "right" if hits == places else "partly"
+
+
+def find_hits(finding: Finding, places: set[tuple[str, str]]) -> set[tuple[str, str]]:
+    """Find the places of the truth that a finding names: by its effect, or else by its rivals."""
+    if finding.effect.place in places:
+        return {finding.effect.place}
+    if finding.verdict is not Verdict.AMBIGUOUS:
+        return set()
+    return {rival.effect.place for rival in finding.rivals} & places
+
+
+def claims_name(finding: Finding) -> bool:
+    """Tell whether a finding claims a law by its name."""
+    return finding.effect.named and finding.verdict is Verdict.EFFECT
 
 
 def removed(found: Explanation, seed: int, truth: tuple[Planted, ...]) -> float | None:
@@ -317,37 +328,45 @@ def show(results: list[dict[str, Any]]) -> None:
         names, size, trials = result["task"][:3]
         rows[" + ".join(names) or f"nothing, {trials} trials", size].append(result)
     print(f"{'planted':60s} {'size':>5s} {'n':>4s}  outcomes, removed error, seconds")
-    for (name, size), own in rows.items():
-        counts = Counter(r["outcome"] for r in own)
-        text = ", ".join(f"{k} {100.0 * v / len(own):.0f} %" for k, v in counts.most_common())
-        gone = [
-            r["removed"]
-            for r in own
-            if r["outcome"] in ("right", "ambiguous") and r["removed"] is not None
-        ]
-        share = f"{100.0 * float(np.median(gone)):.0f} %" if gone else "-"
-        print(
-            f"{name:60s} {size:5.2f} {len(own):4d}  {text}; {share}; "
-            f"{np.mean([r['seconds'] for r in own]):.1f} s"
-        )
-    for size in sorted({r["task"][1] for r in results}, reverse=True):
-        own = [r for r in results if r["task"][1] == size]
-        counts = Counter(r["outcome"] for r in own)
-        text = ", ".join(f"{k} {v} ({100.0 * v / len(own):.1f} %)" for k, v in counts.most_common())
-        gone = [
-            r["removed"]
-            for r in own
-            if r["outcome"] in ("right", "ambiguous") and r["removed"] is not None
-        ]
-        least = (
-            f"; removed error at least {100.0 * float(np.quantile(gone, 0.1)):.0f} % in nine of ten"
-            if gone
-            else ""
-        )
-        print(
-            f"all of size {size:.2f}: {len(own)}: {text}{least}; verdicts "
-            f"{dict(Counter(r['verdict'] for r in own))}"
-        )
+    for (name, size), of_row in rows.items():
+        show_row(name, size, of_row)
+    for size in sorted({result["task"][1] for result in results}, reverse=True):
+        show_size(size, [result for result in results if result["task"][1] == size])
+
+
+def show_row(name: str, size: float, results: list[dict[str, Any]]) -> None:
+    """Print the row of an effect of a size."""
+    count = len(results)
+    outcomes = Counter(result["outcome"] for result in results).most_common()
+    text = ", ".join(f"{key} {100.0 * hits / count:.0f} %" for key, hits in outcomes)
+    gone = list_removed_errors(results)
+    share = f"{100.0 * float(np.median(gone)):.0f} %" if gone else "-"
+    seconds = np.mean([result["seconds"] for result in results])
+    print(f"{name:60s} {size:5.2f} {count:4d}  {text}; {share}; {seconds:.1f} s")
+
+
+def show_size(size: float, results: list[dict[str, Any]]) -> None:
+    """Print what all effects of a size came to."""
+    count = len(results)
+    outcomes = Counter(result["outcome"] for result in results).most_common()
+    text = ", ".join(f"{key} {hits} ({100.0 * hits / count:.1f} %)" for key, hits in outcomes)
+    gone = list_removed_errors(results)
+    least = ""
+    if gone:
+        tenth = 100.0 * float(np.quantile(gone, 0.1))
+        least = f"; removed error at least {tenth:.0f} % in nine of ten"
+    verdicts = dict(Counter(result["verdict"] for result in results))
+    print(f"all of size {size:.2f}: {count}: {text}{least}; verdicts {verdicts}")
+
+
+def list_removed_errors(results: list[dict[str, Any]]) -> list[float]:
+    """List the share of the error that is removed where the effect was found."""
+    gone = []
+    for result in results:
+        is_found = result["outcome"] in ("right", "ambiguous")
+        if is_found and result["removed"] is not None:
+            gone.append(result["removed"])
+    return gone
 
 
 if __name__ == "__main__":

@@ -17,6 +17,7 @@ import argparse
 import json
 import math
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -128,17 +129,15 @@ def compare(number, kind, rng, scan):
         start=float(done.frame.x_m.iloc[0]),
         end=float(done.frame.handle_m.iloc[-1]),
     )
-    expected, soft = (
-        events_of(
-            one,
-            path,
-            load=LOAD,
-            friction=FRICTION,
-            stiffness=probe.stiffness,
-            frequency=probe.frequency,
-        )
-        for one in (rows, elastic[:, :3])
+    find_events = partial(
+        events_of,
+        path=path,
+        load=LOAD,
+        friction=FRICTION,
+        stiffness=probe.stiffness,
+        frequency=probe.frequency,
     )
+    expected, soft = find_events(rows), find_events(elastic[:, :3])
     found = done.events
     record = {
         "number": number,
@@ -151,31 +150,48 @@ def compare(number, kind, rng, scan):
         "texture_hides_step_m": done.summary.get("texture_hides_step_m"),
         "ledger_error": float(found.ledger_error.max()) if len(found) else 0.0,
     }
-    caught, held = ([one for one in each if one["rise_n"] > 0.02] for each in (expected, soft))
-    strongest = max((one["pull_n"] ** 2 for one in caught), default=0.0)
-    large = [
-        one for one in caught if one["pull_n"] ** 2 > 0.01 * strongest + (FRICTION * LOAD) ** 2
-    ]
-    missed = [one for one in large if not len(found) or np.abs(found.x_m - one["x_m"]).min() > NEAR]
-    record["missed"] = len(missed)
+    caught, held = select_clear_events(expected), select_clear_events(soft)
+    record["missed"] = count_missed_events(found, caught)
     asked = found[(found.belongs_to == "feature") & (found.status == "releases")]
     if not len(asked):
         return record
-    own = asked.iloc[0]
-    record["pull_n"], record["ring_j"] = float(own.pull_n), float(own.vibration_energy_j)
-    for name, events in (("", caught), ("elastic_", held)):
-        other = min(events, key=lambda one: abs(one["x_m"] - own.x_m), default=None)
-        if other is None or abs(other["x_m"] - own.x_m) >= NEAR:
-            continue
-        # against what is stored, for a ring that nearly vanishes has no share of its own
-        ring = (own.vibration_energy_j - other["ring_j"]) / own.stored_energy_j
-        record |= {
-            f"{name}expected_pull_n": other["pull_n"],
-            f"{name}expected_ring_j": other["ring_j"],
-            f"{name}pull_difference": float(own.pull_n / other["pull_n"] - 1.0),
-            f"{name}energy_difference": float(ring),
-        }
+    release = asked.iloc[0]
+    record["pull_n"], record["ring_j"] = float(release.pull_n), float(release.vibration_energy_j)
+    record |= compare_with_nearest("", release, caught)
+    record |= compare_with_nearest("elastic_", release, held)
     return record
+
+
+def select_clear_events(events):
+    """Leave out the events whose force hardly rises before them."""
+    return [event for event in events if event["rise_n"] > 0.02]
+
+
+def count_missed_events(found, expected):
+    """Count the strong events that are expected and far from all that were found."""
+    strongest = max((event["pull_n"] ** 2 for event in expected), default=0.0)
+    least = 0.01 * strongest + (FRICTION * LOAD) ** 2
+    missed = 0
+    for event in expected:
+        is_large = event["pull_n"] ** 2 > least
+        if is_large and (not len(found) or np.abs(found.x_m - event["x_m"]).min() > NEAR):
+            missed += 1
+    return missed
+
+
+def compare_with_nearest(name, release, events):
+    """Compare a release with the nearest event of an oracle, `name`; empty where none is near."""
+    nearest = min(events, key=lambda event: abs(event["x_m"] - release.x_m), default=None)
+    if nearest is None or abs(nearest["x_m"] - release.x_m) >= NEAR:
+        return {}
+    # against what is stored, for a ring that nearly vanishes has no share of its own
+    ring = (release.vibration_energy_j - nearest["ring_j"]) / release.stored_energy_j
+    return {
+        f"{name}expected_pull_n": nearest["pull_n"],
+        f"{name}expected_ring_j": nearest["ring_j"],
+        f"{name}pull_difference": float(release.pull_n / nearest["pull_n"] - 1.0),
+        f"{name}energy_difference": float(ring),
+    }
 
 
 def tabulate(records):
@@ -195,22 +211,35 @@ def tabulate(records):
     print("| kind |", " | ".join(head), "|")
     print("|---" * 10 + "|")
     for kind in (*KINDS, "all"):
-        given = [one for one in records if kind in ("all", one["kind"])]
-        own = [one for one in given if "failed" not in one]
-        cells = [f"{len(given)} | {len(own)}"]
-        for oracle in ("", "elastic_"):
-            for name, most in (("pull", PULL), ("energy", ENERGY)):
-                key = f"{oracle}{name}_difference"
-                apart = np.abs([one[key] for one in own if key in one])
-                cells.append(f"{int((apart < most).sum())} of {len(apart)}")
-        pull = np.abs([one["pull_difference"] for one in own if "pull_difference" in one])
-        floor = [one["texture_hides_step_m"] for one in own if one["texture_hides_step_m"]]
-        cells += [
-            f"{np.median(pull):.2%}".replace("%", " %") if pull.size else "-",
-            f"{sum(one['missed'] for one in own)}",
-            f"{1e6 * np.median(floor):.2f}" if floor and kind in ("wavy", "ground") else "-",
-        ]
-        print(f"| {kind} | {' | '.join(cells)} |")
+        of_kind = [record for record in records if kind in ("all", record["kind"])]
+        print(f"| {kind} | {' | '.join(list_cells(kind, of_kind))} |")
+
+
+def list_cells(kind, records):
+    """List the cells of the row of a kind."""
+    answered = [record for record in records if "failed" not in record]
+    cells = [f"{len(records)} | {len(answered)}"]
+    for oracle in ("", "elastic_"):
+        for name, limit in (("pull", PULL), ("energy", ENERGY)):
+            apart = find_differences(answered, f"{oracle}{name}_difference")
+            cells.append(f"{int((apart < limit).sum())} of {len(apart)}")
+    pull = find_differences(answered, "pull_difference")
+    median_pull, floor_um = "-", "-"
+    if pull.size:
+        median_pull = f"{np.median(pull):.2%}".replace("%", " %")
+    missed = sum(record["missed"] for record in answered)
+    floors = []
+    for record in answered:
+        if record["texture_hides_step_m"]:
+            floors.append(record["texture_hides_step_m"])
+    if floors and kind in ("wavy", "ground"):
+        floor_um = f"{1e6 * np.median(floors):.2f}"
+    return [*cells, median_pull, f"{missed}", floor_um]
+
+
+def find_differences(records, key):
+    """Find how far the answers with a key are from the oracle, without signs."""
+    return np.abs([record[key] for record in records if key in record])
 
 
 def main():

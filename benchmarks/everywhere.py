@@ -507,13 +507,8 @@ def main() -> int:
     arguments = parse_arguments()
     machines = list_machines()
     state = compute_state()
-    asked = list_cells(machines)
-    if arguments.word:
-        asked = [cell for cell in asked if any(word in cell.name for word in arguments.word)]
-    outcomes = {}
-    for name, outcome in read_record().items():
-        if outcome.state == state and outcome.outcome == "passes":
-            outcomes[name] = outcome
+    asked = select_cells(list_cells(machines), arguments.word)
+    outcomes = read_passing_outcomes(state)
     pending = [cell for cell in asked if cell.name not in outcomes]
     if arguments.list:
         print("\n".join(cell.name for cell in pending))
@@ -522,18 +517,39 @@ def main() -> int:
         note_outcome(cell, outcome)
         outcomes[cell.name] = outcome
     results = judge_machines(machines, outcomes)
-    print("| machine | outcome | tests |\n|---|---|---|")
-    for result in results:
-        if any(cell.machine == result.machine for cell in asked):
-            print(result.format_row())
-    passing = sum(result.passes for result in results)
-    print(f"\n{passing} of {len(machines)} machines pass")
+    print_machines(results, asked)
     differs = any(result.differing for result in results)
     failed = False
     for cell in asked:
         if cell.name in outcomes:
             failed |= outcomes[cell.name].outcome in ("FAILS", "not installed")
     return int(failed or differs)
+
+
+def select_cells(cells: list[Cell], words: list[str]) -> list[Cell]:
+    """Select the cells whose names hold one of the words; all without a word."""
+    if not words:
+        return cells
+    return [cell for cell in cells if any(word in cell.name for word in words)]
+
+
+def read_passing_outcomes(state: str) -> dict[str, Outcome]:
+    """Read the outcomes of the cells that pass with the present code, by name."""
+    outcomes = {}
+    for name, outcome in read_record().items():
+        if outcome.state == state and outcome.outcome == "passes":
+            outcomes[name] = outcome
+    return outcomes
+
+
+def print_machines(results: list[MachineResult], asked: list[Cell]) -> None:
+    """Print the table of the machines that were asked for, and how many of all pass."""
+    print("| machine | outcome | tests |\n|---|---|---|")
+    for result in results:
+        if any(cell.machine == result.machine for cell in asked):
+            print(result.format_row())
+    passing = sum(result.passes for result in results)
+    print(f"\n{passing} of {len(results)} machines pass")
 
 
 if __name__ == "__main__":

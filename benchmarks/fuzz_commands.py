@@ -246,24 +246,30 @@ def _named(path: Path, words: list[str], before: Mapping[str, str]) -> bool:
     """Whether the words name a path or its folder: what is read must not be written."""
     # the note of who wrote what lies beside a file
     path = path.parent if path.name == ".stepblocks.json" else path
-    asked = [
-        word.partition("=")[2] if word.startswith("--") else word.removeprefix("-o")
-        for word in words
-    ]
-    asked = [
-        word for word in asked if 0 < len(word) < 200 and (word not in before or "--force" in words)
-    ]
-    named = [Path(word) for word in asked if Path(word).name]
+    asked = _list_asked_names(words, before)
+    for word in ("out", "stimuli", "my-block.toml", "my-session", "study", *asked):
+        if not word.strip("./"):
+            continue
+        place = Path(word)
+        if path.is_relative_to(place) or place.is_relative_to(path):
+            return True
+    return False
+
+
+def _list_asked_names(words: list[str], before: Mapping[str, str]) -> list[str]:
+    """List the names that words give to what is written, with the endings that commands add."""
+    asked = []
+    for word in words:
+        name = word.partition("=")[2] if word.startswith("--") else word.removeprefix("-o")
+        may_be_written = name not in before or "--force" in words
+        if 0 < len(name) < 200 and may_be_written:
+            asked.append(name)
+    named = [Path(name) for name in asked if Path(name).name]
     if words[0] == "new":  # gives every name its ending, feel those that have none
         asked += [str(path.with_suffix(".toml")) for path in named]
     if words[0] == "feel":
         asked += [str(path.with_suffix(".html")) for path in named if not path.suffix]
-    places = [
-        Path(word)
-        for word in ("out", "stimuli", "my-block.toml", "my-session", "study", *asked)
-        if word.strip("./")
-    ]
-    return any(path.is_relative_to(place) or place.is_relative_to(path) for place in places)
+    return asked
 
 
 def _prepare(given: Path) -> None:

@@ -338,14 +338,19 @@ def run(words: tuple[str, ...], folder: Path) -> tuple[int, str]:
 
 def judge(line: Line, code: int, said: str) -> str:
     """Say what is wrong with an answer to a mistyped line; the empty text if nothing is."""
-    errors = [one for one in said.splitlines() if one.startswith("stepblocks: ")]
-    below = [one for one in said.splitlines() if one.startswith("  ")]
     if code not in (0, 1, 2, 3):
         return f"ended with {code}"
     if "Traceback" in said or "internal error" in said:
         return "a traceback"
     if code != 2:
         return "taken as valid" if line.is_wrong else ""
+    return judge_refusal(line, said)
+
+
+def judge_refusal(line: Line, said: str) -> str:
+    """Say what is wrong with how a line is refused; the empty text if nothing is."""
+    errors = [text for text in said.splitlines() if text.startswith("stepblocks: ")]
+    below = [text for text in said.splitlines() if text.startswith("  ")]
     if len(errors) != 1:
         return f"{len(errors)} lines of errors"
     (error,) = errors
@@ -356,7 +361,7 @@ def judge(line: Line, code: int, said: str) -> str:
         return f"does not name {line.wrong}"
     if line.right and line.right not in error:
         return f"does not suggest {line.right}"
-    if not any(STEPS.search(one) for one in [error, *below]):
+    if not any(map(STEPS.search, [error, *below])):
         return "says no next step"
     return ""
 
@@ -390,9 +395,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--show", action="store_true", help="print every line and its answer")
     asked = parser.parse_args(argv)
-    for name in (*LOADED, *(one.name for one in walk_packages(stepblocks.__path__, "stepblocks."))):
-        if name != "stepblocks.__main__":
-            import_module(name)
+    load_all_modules()
     maker, counts, faults = Maker(), dict[str, Counter[str]](), list[str]()
     with tempfile.TemporaryDirectory() as work:
         given, here = Path(work) / "given", Path(work) / "here"
@@ -403,10 +406,7 @@ def main(argv: list[str] | None = None) -> int:
             shutil.copytree(given, here)
             return run(words, here)
 
-        for text in LINES.values():
-            code, said = answer(tuple(shlex.split(text)))
-            if code not in (0, 1, 3):
-                faults.append(f"{text}: is no honest line: {code}, {said.strip()}")
+        faults += find_faults_of_honest_lines(answer)
         for number in range(asked.count):
             way, line = maker.make(number, asked.seed)
             begun = time.monotonic()
@@ -421,17 +421,43 @@ def main(argv: list[str] | None = None) -> int:
                 faults.append(text)
             if asked.show:
                 print(text, flush=True)
-    heads = ("lines", "refused", "valid", "fault", "tenths")
-    total = Counter({name: sum(one[name] for one in counts.values()) for name in heads[:4]})
-    total["tenths"] = max(one["tenths"] for one in counts.values())
-    print("| mistake | lines | refused in one line | still valid | faults | slowest s |")
-    print("|---|---|---|---|---|---|")
-    for way, count in [*counts.items(), ("all", total)]:
-        cells = [str(count[name]) for name in heads[:4]] + [f"{count['tenths'] / 10:.1f}"]
-        print(f"| {way} | {' | '.join(cells)} |")
+    print_counts(counts)
     for fault in faults:
         print(fault, file=sys.stderr)
     return int(bool(faults))
+
+
+def load_all_modules() -> None:
+    """Load all modules here, so that the processes that answer need not."""
+    packages = walk_packages(stepblocks.__path__, "stepblocks.")
+    for name in (*LOADED, *(module.name for module in packages)):
+        if name != "stepblocks.__main__":
+            import_module(name)
+
+
+def find_faults_of_honest_lines(answer: Callable[[tuple[str, ...]], tuple[int, str]]) -> list[str]:
+    """Find which of the lines that are mistyped are no lines that a user may type."""
+    faults = []
+    for text in LINES.values():
+        code, said = answer(tuple(shlex.split(text)))
+        if code not in (0, 1, 3):
+            faults.append(f"{text}: is no honest line: {code}, {said.strip()}")
+    return faults
+
+
+def print_counts(counts: dict[str, Counter[str]]) -> None:
+    """Print how each way of mistyping was answered, and all together."""
+    heads = ("lines", "refused", "valid", "fault")
+    total = Counter[str]()
+    for count in counts.values():
+        for name in heads:
+            total[name] += count[name]
+    total["tenths"] = max(count["tenths"] for count in counts.values())
+    print("| mistake | lines | refused in one line | still valid | faults | slowest s |")
+    print("|---|---|---|---|---|---|")
+    for way, count in [*counts.items(), ("all", total)]:
+        cells = [str(count[name]) for name in heads] + [f"{count['tenths'] / 10:.1f}"]
+        print(f"| {way} | {' | '.join(cells)} |")
 
 
 if __name__ == "__main__":

@@ -130,18 +130,9 @@ class Mutant:
 def changed(node: ast.expr) -> Iterator[ast.expr]:
     """Yield each changed form of an expression."""
     if isinstance(node, ast.Compare):
-        for table in (COMPARE, REVERSED):
-            for place, operator in enumerate(node.ops):
-                if type(operator) in table:
-                    operators = list(node.ops)
-                    operators[place] = table[type(operator)]()
-                    yield ast.Compare(node.left, operators, node.comparators)
-    elif isinstance(node, ast.BinOp) and type(node.op) in ARITHMETIC:
-        if not any(
-            isinstance(one, ast.Constant | ast.JoinedStr) and not is_number(one)
-            for one in (node.left, node.right)
-        ):
-            yield ast.BinOp(node.left, ARITHMETIC[type(node.op)](), node.right)
+        yield from changed_comparisons(node)
+    elif isinstance(node, ast.BinOp):
+        yield from changed_arithmetic(node)
     elif isinstance(node, ast.BoolOp):
         yield ast.BoolOp(ast.Or() if isinstance(node.op, ast.And) else ast.And(), node.values)
     elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not | ast.USub):
@@ -153,18 +144,42 @@ def changed(node: ast.expr) -> Iterator[ast.expr]:
             node.value + 1 if isinstance(node.value, int) else node.value * 1.2 or 0.1
         )
     elif isinstance(node, ast.Call):
-        name = (
-            node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
-        )
-        if name in CALLS:
-            other = (
-                ast.Attribute(node.func.value, CALLS[name], ast.Load())
-                if isinstance(node.func, ast.Attribute)
-                else ast.Name(CALLS[name], ast.Load())
-            )
-            yield ast.Call(other, node.args, node.keywords)
+        yield from changed_calls(node)
     elif isinstance(node, ast.IfExp):
         yield ast.IfExp(node.test, node.orelse, node.body)
+
+
+def changed_comparisons(node: ast.Compare) -> Iterator[ast.expr]:
+    """Yield a comparison with one operator shifted, then with one turned round."""
+    for table in (COMPARE, REVERSED):
+        for place, operator in enumerate(node.ops):
+            if type(operator) in table:
+                operators = list(node.ops)
+                operators[place] = table[type(operator)]()
+                yield ast.Compare(node.left, operators, node.comparators)
+
+
+def changed_arithmetic(node: ast.BinOp) -> Iterator[ast.expr]:
+    """Yield an expression with another operator, unless it may join texts."""
+    if type(node.op) not in ARITHMETIC or is_text(node.left) or is_text(node.right):
+        return
+    yield ast.BinOp(node.left, ARITHMETIC[type(node.op)](), node.right)
+
+
+def changed_calls(node: ast.Call) -> Iterator[ast.expr]:
+    """Yield the call of another function, where that is known to take the same arguments."""
+    function: ast.expr
+    if isinstance(node.func, ast.Attribute) and node.func.attr in CALLS:
+        function = ast.Attribute(node.func.value, CALLS[node.func.attr], ast.Load())
+        yield ast.Call(function, node.args, node.keywords)
+    if isinstance(node.func, ast.Name) and node.func.id in CALLS:
+        function = ast.Name(CALLS[node.func.id], ast.Load())
+        yield ast.Call(function, node.args, node.keywords)
+
+
+def is_text(node: ast.AST) -> bool:
+    """Whether an operand is a text, or another constant that is no number."""
+    return isinstance(node, ast.Constant | ast.JoinedStr) and not is_number(node)
 
 
 def is_number(node: ast.AST) -> TypeGuard[ast.Constant]:
@@ -374,37 +389,49 @@ class Reach:
         name = f"{mutant.path}::{mutant.function}"
         direct = {*found["tests"].get(name, []), *found["setups"].get(name, [])}
         if not direct and b"numba" in (tree.root / mutant.path).read_bytes():
-            stem = Path(mutant.path).stem
-            around = {
-                path.relative_to(tree.root).as_posix()
-                for path in (tree.root / HOUSE / mutant.room).rglob("*.py")
-                if re.search(rf"\b{stem}\b", path.read_text(encoding="utf-8"))
-            }
-            direct = {
-                test
-                for other, tests in found["tests"].items()
-                if other.split("::")[0] in around
-                for test in tests
-            }
-        named = [one for one in tests_of(tree.root, mutant) if one.endswith(".py")]
-        files = {one.split("::")[0] for one in direct} | set(named)
+            direct = find_tests_around(tree, mutant, found["tests"])
+        named = [test for test in tests_of(tree.root, mutant) if test.endswith(".py")]
+        files = {file_of(test) for test in direct} | set(named)
         # tests that are newer than what was measured may call it, too
-        direct |= {
-            one for one in spent if one not in found["seconds"] and one.split("::")[0] in files
-        }
-        order = sorted(
-            (test not in direct, test.split("::")[0] not in named, seconds, test)
-            if seconds > 1.0
-            else (test not in direct, False, seconds, test)
-            for test, seconds in spent.items()
-            if seconds <= SLOW and (not files or test in direct or test.split("::")[0] in files)
-        )
+        for test in spent:
+            if test not in found["seconds"] and file_of(test) in files:
+                direct.add(test)
+        order = []
+        for test, seconds in spent.items():
+            is_near = not files or test in direct or file_of(test) in files
+            if seconds > SLOW or not is_near:
+                continue
+            is_elsewhere = seconds > 1.0 and file_of(test) not in named
+            order.append((test not in direct, is_elsewhere, seconds, test))
+        return self.choose_first(sorted(order))
+
+    def choose_first(self, order: list[tuple[bool, bool, float, str]]) -> dict[str, float]:
+        """Choose as many tests as are enough, in order, the first in any case."""
         chosen, total = {}, 0.0
         for *_, seconds, test in order:
             total += seconds
             if total <= self.enough or not chosen:
                 chosen[test] = seconds
         return chosen
+
+
+def file_of(test: str) -> str:
+    """Name the file of a test, or of a function, as ``file::name``."""
+    return test.split("::")[0]
+
+
+def find_tests_around(tree: Tree, mutant: Mutant, calls: dict[str, list[str]]) -> set[str]:
+    """Find the tests that call the modules which name that of a mutant; `calls` are by function."""
+    stem = Path(mutant.path).stem
+    around = set()
+    for path in (tree.root / HOUSE / mutant.room).rglob("*.py"):
+        if re.search(rf"\b{stem}\b", path.read_text(encoding="utf-8")):
+            around.add(path.relative_to(tree.root).as_posix())
+    found = set()
+    for function, tests in calls.items():
+        if file_of(function) in around:
+            found.update(tests)
+    return found
 
 
 class FirstFailure:
@@ -676,31 +703,43 @@ def summary(record: Path) -> int:
     lines = [line for line in tried if line["key"] in present]
     reasons = read_reasons()
     equivalent = {key for key, one in reasons.items() if not one.get("chosen")}
-    print("Mutants:")
-    print("\n| room | mutants | noticed | equivalent | survive |\n|---|---|---|---|---|")
-    for room in [*ROOMS, None]:
-        own = [line for line in lines if room in (None, line["room"])]
-        noticed = sum(line["outcome"] == "noticed" for line in own)
-        equal = sum(line["outcome"] == "survived" and line["key"] in equivalent for line in own)
-        rest = len(own) - noticed - equal
-        print(f"| {room or 'all'} | {len(own)} | {noticed} | {equal} | {rest} |")
+    print_shares(lines, equivalent)
     print("\nSurvivors:\n\n| place | change | why no test can notice it |\n|---|---|---|")
     for line in lines:
         if line["outcome"] == "survived":
-            text = " ".join(line["mutant"].removeprefix("src/stepblocks/").split())
-            text = text.replace("|", "or")
-            place, change = text.split(": ", 1)
-            known = reasons.get(line["key"], {"reason": "none known: a test is missing"})
-            why = ("no value to hold it to: " if known.get("chosen") else "") + known["reason"]
-            print(f"| {place} | {change} | {why} |")
+            print_survivor(line, reasons)
     gone = len(tried) - len(lines)
     if gone:
         print(f"\n{gone} more were tried in functions that have changed since.")
     return 0
 
 
-def main() -> int:
-    """Run as asked."""
+def print_shares(lines: list[dict[str, str]], equivalent: set[str]) -> None:
+    """Print how many mutants of every room are noticed; `equivalent` are keys of survivors."""
+    print("Mutants:")
+    print("\n| room | mutants | noticed | equivalent | survive |\n|---|---|---|---|---|")
+    for room in [*ROOMS, None]:
+        of_room = [line for line in lines if room in (None, line["room"])]
+        noticed = sum(line["outcome"] == "noticed" for line in of_room)
+        survivors = [line["key"] for line in of_room if line["outcome"] == "survived"]
+        equal = len([key for key in survivors if key in equivalent])
+        remaining = len(of_room) - noticed - equal
+        print(f"| {room or 'all'} | {len(of_room)} | {noticed} | {equal} | {remaining} |")
+
+
+def print_survivor(line: dict[str, str], reasons: dict[str, dict[str, str]]) -> None:
+    """Print a survivor with the reason where one is known."""
+    text = " ".join(line["mutant"].removeprefix("src/stepblocks/").split())
+    place, change = text.replace("|", "or").split(": ", 1)
+    known = reasons.get(line["key"], {"reason": "none known: a test is missing"})
+    why = known["reason"]
+    if known.get("chosen"):
+        why = f"no value to hold it to: {why}"
+    print(f"| {place} | {change} | {why} |")
+
+
+def read_options() -> argparse.Namespace:
+    """Read the command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("rooms", nargs="*", help=f"of {', '.join(ROOMS)}; all when left out")
     parser.add_argument("--count", type=int, default=60, help="mutants of each room (default 60)")
@@ -729,6 +768,12 @@ def main() -> int:
     unknown = [room for room in asked.rooms if room not in ROOMS]
     if unknown:
         parser.error(f"unknown room {', '.join(unknown)}; there are {', '.join(ROOMS)}")
+    return asked
+
+
+def main() -> int:
+    """Run as asked."""
+    asked = read_options()
     if asked.summary:
         return summary(asked.record)
     draw = random.Random(asked.seed)
@@ -745,17 +790,30 @@ def main() -> int:
         left = [mutant for mutant in pool if mutant.key in asked.keys]
         run_all(left, asked.record, reach, shlex.split(asked.tests or ""))
         return 0
-    done = {
-        line["key"]
-        for line in read_record(asked.record)
-        if line["outcome"] == "noticed" or float(line.get("enough", 120.0)) >= asked.enough
-    }
-    # the rooms take turns, so that a run that is broken off has seen them all
-    turns = [
-        of_room[place] for place in range(asked.count) for of_room in chosen if place < len(of_room)
-    ]
+    done = read_decided_keys(asked.record, asked.enough)
+    turns = take_turns(chosen, asked.count)
     run_all([mutant for mutant in turns if mutant.key not in done], asked.record, reach)
     return summary(asked.record)
+
+
+def read_decided_keys(record: Path, enough: float) -> set[str]:
+    """Read which mutants were noticed, or survived tests of `enough` seconds."""
+    decided = set()
+    for line in read_record(record):
+        has_met_enough = float(line.get("enough", 120.0)) >= enough
+        if line["outcome"] == "noticed" or has_met_enough:
+            decided.add(line["key"])
+    return decided
+
+
+def take_turns(by_room: list[list[Mutant]], count: int) -> list[Mutant]:
+    """Take the first `count` mutants of every room in turns, so that a run that stops saw all."""
+    turns = []
+    for place in range(count):
+        for of_room in by_room:
+            if place < len(of_room):
+                turns.append(of_room[place])
+    return turns
 
 
 if __name__ == "__main__":

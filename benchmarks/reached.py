@@ -21,6 +21,7 @@ SOURCE = ROOT / "src" / "stepblocks"
 RUNS_A_COMMAND = re.compile(
     r"stepblocks\.cli|-m[\", ]+stepblocks|^import stepblocks|^from stepblocks import", re.M
 )
+COMPILES = re.compile(r"\b(njit|jit|guvectorize|vectorize)\b")
 WATCH = """
 import os, sys
 told = os.open({record!r}, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
@@ -74,32 +75,45 @@ def functions_of(path: Path) -> dict[str, ast.FunctionDef]:
     return {name: node for name, node in found.items() if ast.unparse(node.body[-1]) != "..."}
 
 
+def names_in(node: ast.AST) -> set[str]:
+    """Collect the names that code mentions."""
+    return {part.id for part in ast.walk(node) if isinstance(part, ast.Name)}
+
+
+def is_compiled(node: ast.FunctionDef) -> bool:
+    """Tell whether numba compiles a function, by its decorators."""
+    decorators = " ".join(map(ast.unparse, node.decorator_list))
+    return bool(COMPILES.search(decorators))
+
+
+def warm_kernels(cold: dict[str, ast.FunctionDef], named: set[str]) -> None:
+    """Take from `cold` the kernels that called code names, and those that these name in turn."""
+    while True:
+        kernels = []
+        for place, node in cold.items():
+            if node.name in named and is_compiled(node):
+                kernels.append(place)
+        if not kernels:
+            return
+        for place in kernels:
+            named |= names_in(cold.pop(place))
+
+
 def main() -> int:
     """Run the tests and print the cold functions."""
-    tests = [
-        p
-        for p in sorted((ROOT / "tests").rglob("test_*.py"))
-        if RUNS_A_COMMAND.search(p.read_text())
-    ]
+    tests = []
+    for path in sorted((ROOT / "tests").rglob("test_*.py")):
+        if RUNS_A_COMMAND.search(path.read_text()):
+            tests.append(path)
     called = called_by(tests)
     cold, named = {}, set()
     for path in sorted(SOURCE.rglob("*.py")):
         for name, node in functions_of(path).items():
             if f"{path}:{name}" in called:
-                named |= {n.id for n in ast.walk(node) if isinstance(n, ast.Name)}
+                named |= names_in(node)
             else:
                 cold[f"{path.relative_to(SOURCE)}:{name}"] = node
-    while kernels := {
-        at: node
-        for at, node in cold.items()
-        if node.name in named
-        and re.search(
-            r"\b(njit|jit|guvectorize|vectorize)\b", " ".join(map(ast.unparse, node.decorator_list))
-        )
-    }:
-        for at, node in kernels.items():
-            named |= {n.id for n in ast.walk(node) if isinstance(n, ast.Name)}
-            del cold[at]
+    warm_kernels(cold, named)
     print("\n".join(cold) or "every function is called by a command or a public name")
     return 1 if cold else 0
 

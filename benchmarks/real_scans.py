@@ -170,43 +170,54 @@ def compared(path: Path, known: Known) -> tuple[str, str, str, str]:
 
 def main() -> int:
     """Print the table; 1 if a statement does not hold."""
-    # a name that says its folder goes before one that does not
-    by_name = sorted(SCANS, key=len, reverse=True)
-    named = {
-        path: next((one for one in by_name if f"/{path}".endswith(f"/{one}")), None)
-        for path in Path(sys.argv[1]).rglob("*")
-    }
-    files = sorted(path for path, name in named.items() if name)
+    named = find_known_files(Path(sys.argv[1]))
     print(
         "| file | asked | answer | 95 % interval | independent | comparison | s "
         "|\n|---|---|---|---|---|---|---|"
     )
     verdicts = []
-    for path in files:
+    for path, name in sorted(named.items()):
         began = time.perf_counter()
-        known = SCANS[str(named[path])]
+        known = SCANS[name]
         answer, interval, independent, verdict = compared(path, known)
         verdicts.append((known.feature, verdict))
         seconds = time.perf_counter() - began
         print(
-            f"| {named[path]} | {known.feature} | {answer} | {interval} | {independent} | "
+            f"| {name} | {known.feature} | {answer} | {interval} | {independent} | "
             f"{verdict} | {seconds:.1f} |",
             flush=True,
         )
+    return count_verdicts(verdicts)
+
+
+def find_known_files(folder: Path) -> dict[Path, str]:
+    """Find the files of a folder that are known, with their names in `SCANS`."""
+    # a name that says its folder goes before one that does not
+    by_name = sorted(SCANS, key=len, reverse=True)
+    named = {}
+    for path in folder.rglob("*"):
+        for name in by_name:
+            if f"/{path}".endswith(f"/{name}"):
+                named[path] = name
+                break
+    return named
+
+
+def count_verdicts(verdicts: list[tuple[str, str]]) -> int:
+    """Print what the verdicts, each with its feature, came to; 1 if a statement does not hold."""
     steps = [verdict for feature, verdict in verdicts if feature not in ("none", "reader")]
     answered = sum(verdict.startswith("holds") for verdict in steps)
-    print(
-        f"\n{answered} of {len(steps)} with a step answered rightly; "
-        f"{sum(v == 'PHANTOM' for _, v in verdicts)} phantoms"
-    )
+    phantoms = verdicts.count(("none", "PHANTOM"))
+    print(f"\n{answered} of {len(steps)} with a step answered rightly; {phantoms} phantoms")
     nothing = [verdict for feature, verdict in verdicts if feature == "none"]
     print(f"{nothing.count('rightly')} of {len(nothing)} without a step refused")
-    print(f"answered wrongly: {sum(v == 'WRONG' for v in steps) or 'none'}")
+    print(f"answered wrongly: {steps.count('WRONG') or 'none'}")
     doubted = sum("with a warning" in verdict for verdict in steps if verdict.startswith("holds"))
     print(f"{doubted} of {answered} right answers with a warning")
     wrong = any(verdict.startswith(("WRONG", "PHANTOM")) for _, verdict in verdicts)
     many = answered >= LEAST_COUNTED and doubted > MOST_WARNED * answered
-    return 1 if wrong or many or answered < LEAST_ANSWERED * len(steps) else 0
+    few = answered < LEAST_ANSWERED * len(steps)
+    return int(wrong or many or few)
 
 
 if __name__ == "__main__":

@@ -63,12 +63,9 @@ def read_tables(text: str) -> list[dict[str, Any]]:
     found: list[tuple[str, list[list[str]]]] = [("", [])]
     caption = "Output"
     for line in text.splitlines():
-        if line.startswith("|"):
-            cells = [cell.strip() for cell in line.strip().strip("|").split("|")]
-            if set("".join(cells)) <= set("-: ") and any(cells):
-                continue
-        else:
-            cells = [cell for cell in re.split(r"\s{2,}", line.strip()) if cell]
+        cells = split_cells(line)
+        if cells is None:
+            continue
         if found[-1][1] and len(cells) != len(found[-1][1][0]):
             found.append(("", []))
         if len(cells) > 1:
@@ -81,6 +78,16 @@ def read_tables(text: str) -> list[dict[str, Any]]:
         for caption, table in found
         if len(table) > 1
     ]
+
+
+def split_cells(line: str) -> list[str] | None:
+    """Split a line of an output into cells; None for the rule below the head of a table."""
+    if not line.startswith("|"):
+        return [cell for cell in re.split(r"\s{2,}", line.strip()) if cell]
+    cells = [cell.strip() for cell in line.strip().strip("|").split("|")]
+    if set("".join(cells)) <= set("-: ") and any(cells):
+        return None
+    return cells
 
 
 def largest(text: str, pattern: str, form: str) -> str | None:
@@ -189,31 +196,36 @@ def main() -> int:
     unknown = sorted(set(asked.parts) - {part.name for part in PARTS})
     if unknown:
         parser.error(f"unknown part {', '.join(unknown)}")
-    failed = 0
-    for part in [one for one in PARTS if one.name in asked.parts or not asked.parts]:
-        path = OUT / f"{part.name}.json"
-        kept = path if path.exists() else records.FOLDER / path.name
-        before = json.loads(kept.read_text(encoding="utf-8")) if kept.exists() else None
-        if before and not records.is_older(before) and not asked.again:
-            said = "is as new as the code"
-        elif asked.list:
-            said = f"takes about {part.minutes:g} min"
-        elif part.timing and os.getloadavg()[0] > 0.7 and not asked.busy:
-            said = "measures times, and this machine is busy: left out"
-        else:
-            try:
-                record = measure(part, before)
-            except (RuntimeError, OSError) as error:
-                failed += 1
-                said = f"failed, {error}"
-            else:
-                write(path, record)
-                write(records.FOLDER / path.name, record)
-                said = f"measured in {record['minutes']} min"
+    failed = False
+    for part in PARTS:
+        if asked.parts and part.name not in asked.parts:
+            continue
+        said, fails = bring_up_to_date(part, asked)
+        failed |= fails
         print(f"{part.name}: {said}", flush=True)
     for page in quote() if not asked.list else ():
         print(f"{page}: its figures are new")
-    return int(failed > 0)
+    return int(failed)
+
+
+def bring_up_to_date(part: Part, asked: argparse.Namespace) -> tuple[str, bool]:
+    """Measure a part where that is asked for and due; return what to say, and whether it failed."""
+    path = OUT / f"{part.name}.json"
+    kept = path if path.exists() else records.FOLDER / path.name
+    before = json.loads(kept.read_text(encoding="utf-8")) if kept.exists() else None
+    if before and not records.is_older(before) and not asked.again:
+        return "is as new as the code", False
+    if asked.list:
+        return f"takes about {part.minutes:g} min", False
+    if part.timing and os.getloadavg()[0] > 0.7 and not asked.busy:
+        return "measures times, and this machine is busy: left out", False
+    try:
+        record = measure(part, before)
+    except (RuntimeError, OSError) as error:
+        return f"failed, {error}", True
+    write(path, record)
+    write(records.FOLDER / path.name, record)
+    return f"measured in {record['minutes']} min", False
 
 
 if __name__ == "__main__":

@@ -186,13 +186,12 @@ def use(
     disturb(user)
     os.chdir(folder)
     draw = random.Random(user)
-    said: Any
     tasks: dict[str, Callable[[], tuple[int, str]]] = {
         name: partial(run_command, line) for name, line in WORDS.items()
     }
     tasks["answer"] = partial(answer_study, str(user))
     while time.monotonic() < end:
-        counts, reasons, faults = Counter[str](), Counter[str](), []
+        tally = Tally()
         for name, task in tasks.items():
             if user == 2 and draw.random() < 0.5:
                 continue  # the second one looks in now and then
@@ -202,23 +201,35 @@ def use(
                 code, said = task()
             except BaseException:
                 code, said = 70, traceback.format_exc()
-            if name == "answer" and code == 0:
-                counts["answer"] += 1
-            elif name in ends and code == ends[name] != 2:
-                counts[name] += 1
-            elif code == 2 and "Traceback" not in said and said.strip():
-                counts[f"{name} refused"] += 1
-                reasons[said.strip().splitlines()[-1].partition(" [")[0]] += 1
-            else:
-                faults.append(f"{name} ended with {code}: {said[-1500:]}")
+            tally.note(name, code, said, ends)
             if time.monotonic() > end:
                 break
         memory, files = measure_process()
-        said = {"user": user, "counts": counts, "reasons": reasons, "faults": faults}
-        said |= {"memory": memory, "files": files}
+        line = {"user": user, **vars(tally), "memory": memory, "files": files}
         with lines.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(said) + "\n")
+            file.write(json.dumps(line) + "\n")
         time.sleep(pause)
+
+
+class Tally:
+    """How the tasks of a round ended: how often each, what refusals said, and what went wrong."""
+
+    def __init__(self) -> None:
+        self.counts = Counter[str]()
+        self.reasons = Counter[str]()
+        self.faults = list[str]()
+
+    def note(self, name: str, code: int, said: str, ends: dict[str, int]) -> None:
+        """Note how a task ended; `ends` are the codes of an undisturbed run."""
+        if name == "answer" and code == 0:
+            self.counts["answer"] += 1
+        elif name in ends and code == ends[name] != 2:
+            self.counts[name] += 1
+        elif code == 2 and "Traceback" not in said and said.strip():
+            self.counts[f"{name} refused"] += 1
+            self.reasons[said.strip().splitlines()[-1].partition(" [")[0]] += 1
+        else:
+            self.faults.append(f"{name} ended with {code}: {said[-1500:]}")
 
 
 def remove(path: Path) -> None:
@@ -320,37 +331,68 @@ def soak(minutes: float, work: Path) -> dict[str, Any]:
         left = [path.name for path in disk.rglob(".partial-*")]
         faults += [f"a draft was left: {name}" for name in left]
     rounds = [json.loads(line) for line in lines.read_text().splitlines()]
-    own = [line for line in rounds if line["user"] == 1]
-    # a command loads what it needs when it first comes to its end
-    firsts = [
-        next((place for place, line in enumerate(own) if name in line["counts"]), len(own))
-        for name in WORDS
-    ]
-    warm = max(5, len(own) // 10, *(place + 1 for place in firsts))
-    record: dict[str, Any] = {
+    record = {
         "minutes": round((time.monotonic() - begun) / 60.0, 1),
         "disk": f"tmpfs of {DISK} MiB" if mounted else "files up to 100 kB for one user",
-        "rounds": len(own),
     }
-    for user in (1, 2):
+    return record | summarise(rounds, faults)
+
+
+def summarise(rounds: list[dict[str, Any]], faults: list[str]) -> dict[str, Any]:
+    """Count what the users did in all rounds, and add their faults to those known."""
+    first_user, second_user = split_by_user(rounds)
+    record: dict[str, Any] = {"rounds": len(first_user)}
+    for user, of_user in enumerate((first_user, second_user), start=1):
         total = Counter[str]()
-        for line in rounds:
-            if line["user"] == user:
-                total.update(line["counts"])
-                faults += line["faults"]
+        for line in of_user:
+            total.update(line["counts"])
+            faults += line["faults"]
         record[f"user {user}"] = dict(sorted(total.items()))
     reasons = Counter[str]()
     for line in rounds:
         reasons.update(line["reasons"])
     record["reasons"] = dict(reasons.most_common())
-    if len(own) > 2 * warm:
+    warm = count_warm_rounds(first_user)
+    if len(first_user) > 2 * warm:
         for name in ("memory", "files"):
-            early, late = find_growth([line[name] for line in own], warm)
-            record[f"{name} early"], record[f"{name} late"] = early, late
-            if late > early * (1.0 + GROWTH if name == "memory" else 1.0):
-                faults.append(f"{name} grew from {early:.0f} to {late:.0f}")
-        record["course"] = [[line["memory"] >> 20, line["files"]] for line in own]
+            faults += note_growth(record, name, [line[name] for line in first_user], warm)
+        record["course"] = [[line["memory"] >> 20, line["files"]] for line in first_user]
     return record | {"faults": faults}
+
+
+def split_by_user(rounds: list[dict[str, Any]]) -> tuple[list[dict[str, Any]], ...]:
+    """Split the lines of all rounds into those of the first and of the second user."""
+    first_user, second_user = [], []
+    for line in rounds:
+        if line["user"] == 1:
+            first_user.append(line)
+        else:
+            second_user.append(line)
+    return first_user, second_user
+
+
+def count_warm_rounds(rounds: list[dict[str, Any]]) -> int:
+    """Count the rounds of a user until each command came to its end once, five at least."""
+    # a command loads what it needs when it first comes to its end
+    warm = max(5, len(rounds) // 10)
+    for name in WORDS:
+        first = len(rounds)
+        for place, line in enumerate(rounds):
+            if name in line["counts"]:
+                first = place
+                break
+        warm = max(warm, first + 1)
+    return warm
+
+
+def note_growth(record: dict[str, Any], name: str, values: list[float], warm: int) -> list[str]:
+    """Note how a quantity began and ended after the warm-up; return a fault where it grew."""
+    early, late = find_growth(values, warm)
+    record[f"{name} early"], record[f"{name} late"] = early, late
+    allowed = 1.0 + GROWTH if name == "memory" else 1.0
+    if late > early * allowed:
+        return [f"{name} grew from {early:.0f} to {late:.0f}"]
+    return []
 
 
 def repeat(rounds: int, minutes: float, work: Path) -> dict[str, Any]:
@@ -372,10 +414,8 @@ def repeat(rounds: int, minutes: float, work: Path) -> dict[str, Any]:
             course.append(measure_process())
     record = {"minutes": round((time.monotonic() - begun) / 60.0, 1), "times": done}
     for place, name in enumerate(("memory", "files")):
-        early, late = find_growth([one[place] for one in course], len(course) // 10)
-        record[f"{name} early"], record[f"{name} late"] = early, late
-        if late > early * (1.0 + GROWTH if name == "memory" else 1.0):
-            faults.append(f"{name} grew from {early:.0f} to {late:.0f}")
+        values = [measured[place] for measured in course]
+        faults += note_growth(record, name, values, len(course) // 10)
     return record | {"course": course, "faults": faults}
 
 

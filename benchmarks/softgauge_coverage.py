@@ -18,7 +18,7 @@ import json
 import math
 import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Container, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -531,26 +531,37 @@ def count_case(case: int, draws: list[Record]) -> tuple[list[str], int]:
     return lines, failed
 
 
-def main() -> int:
-    """Run what is missing, and print the table; 1 if a statement does not hold."""
+def read_options() -> argparse.Namespace:
+    """Read the command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--draws", type=int, default=400, help="of the cases with the most")
     parser.add_argument("--first", type=int, default=0, help="seed of the first draw")
     parser.add_argument("--cases", default="", help="a part of the label of the cases")
     parser.add_argument("--jobs", type=int, help="processes, else one for each core")
     parser.add_argument("--summary", action="store_true", help="only count what is there")
-    asked = parser.parse_args()
+    return parser.parse_args()
+
+
+def list_missing(
+    chosen: list[int], draws: int, first: int, done: Container[object]
+) -> list[tuple[int, range]]:
+    """List the chunks of seeds, each of one case, of which a draw is not done; in turns."""
+    wanted = {case: max(int(draws * CASES[case][2]), 2) for case in chosen}
+    missing = []
+    for start in range(0, max(wanted.values()), CHUNK):
+        for case in chosen:
+            seeds = range(first + start, first + min(start + CHUNK, wanted[case]))
+            if any((case, seed) not in done for seed in seeds):
+                missing.append((case, seeds))
+    return missing
+
+
+def main() -> int:
+    """Run what is missing, and print the table; 1 if a statement does not hold."""
+    asked = read_options()
     chosen = [index for index, case in enumerate(CASES) if asked.cases in case[0]]
     done = read_draws()
-    wanted = {case: max(int(asked.draws * CASES[case][2]), 2) for case in chosen}
-    chunks = [
-        (case, range(asked.first + start, asked.first + min(start + CHUNK, wanted[case])))
-        for start in range(0, max(wanted.values()), CHUNK)
-        for case in chosen
-    ]
-    missing = [
-        (case, seeds) for case, seeds in chunks if any((case, seed) not in done for seed in seeds)
-    ]
+    missing = list_missing(chosen, asked.draws, asked.first, done)
     if missing and not asked.summary:
         OUT.parent.mkdir(parents=True, exist_ok=True)
         with ProcessPoolExecutor(asked.jobs) as pool, OUT.open("a", encoding="utf-8") as file:
@@ -568,12 +579,11 @@ def main() -> int:
     print("|---|---|---|---|---|---|---|")
     failed = rows = 0
     for case in chosen:
-        own = [
-            record
-            for (one, seed), record in sorted(done.items())
-            if one == case and seed >= asked.first
-        ]
-        lines, bad = count_case(case, own)
+        of_case = []
+        for (drawn_case, seed), record in sorted(done.items()):
+            if drawn_case == case and seed >= asked.first:
+                of_case.append(record)
+        lines, bad = count_case(case, of_case)
         print("\n".join(lines), flush=True)
         failed += bad
         rows += len(lines)

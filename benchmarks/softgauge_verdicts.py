@@ -21,6 +21,7 @@ FIRST is the number of the first gauge: another one gives fresh gauges.
 import json
 import math
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -74,6 +75,31 @@ def find_kind(number):
     return KINDS[number % len(KINDS)]
 
 
+def make_edge(height, radius, *, burr=0.0, place=0.0, wide=UM, bow=0.0):
+    """Return the heights of an edge by place: with a burr, or on faces that are bowed."""
+
+    def shape(x):
+        z = edge_gauge(x, height, radius)
+        z = z + burr * np.clip(1.0 - np.abs(x - place) / (0.5 * wide), 0.0, 1.0)
+        return z + bow * (x / (500 * UM)) ** 2
+
+    return shape
+
+
+def make_round_groove(height, width):
+    """Return the heights of a groove with a round bottom by place."""
+    half = width / math.sqrt(2.0)  # a parabola is this wide at half its depth
+    return lambda x: -height * np.maximum(1.0 - (x / half) ** 2, 0.0)
+
+
+def make_two_grooves(height, width, size):
+    """Return the heights of two grooves that are unlike by place."""
+    return lambda x: (
+        groove_gauge(x, height, -width / 2, width / 2, UM)
+        + groove_gauge(x, size, 900 * UM, 1300 * UM, UM)
+    )
+
+
 def draw(number, kind=""):
     """Return kind, scan, what to ask of it, and the truth by key of the characteristic.
 
@@ -86,84 +112,119 @@ def draw(number, kind=""):
     height = 50 * UM + random.uniform(-2.5, 2.5) * UM
     radius = random.uniform(0.0, 4.0) * UM
     relative = 10.0 ** random.uniform(-4.0, -2.3)
-    scale, lateral = 1.0 + relative * random.normal(size=2)
-    rough, length = random.uniform(5e-9, 50e-9), random.uniform(1.5, 5.0) * UM
-    truth = {"step_height": height, "edge_radius": radius, "burr": 0.0}
-    tip, cone = 0.0, 0.0
+    scales = 1.0 + relative * random.normal(size=2)
+    roughness = random.uniform(5e-9, 50e-9), random.uniform(1.5, 5.0) * UM
     burr = random.uniform(0.0, 6.0) * UM if kind == "burr" else 0.0
     place, wide = random.uniform(radius / UM + 4.0, 150.0) * UM, random.uniform(4.0, 20.0) * UM
     bow = random.uniform(-0.3, 0.3) * UM if kind == "bowed" else 0.0
-
-    def shape(x):
-        z = edge_gauge(x, height, radius)
-        z = z + burr * np.clip(1.0 - np.abs(x - place) / (0.5 * wide), 0.0, 1.0)
-        return z + bow * (x / (500 * UM)) ** 2
-
-    truth["burr"] = burr
-    step, reach = 0.5 * UM, 600 * UM
-    if kind == "ramp":
-        angle = math.radians(random.uniform(30.0, 58.0))
-        corner = random.uniform(2.0, 6.0) * UM
-        truth |= {"riser_angle": angle, "edge_radius": corner}
-        shape = lambda x: flank_gauge(x, height, angle, corner)  # noqa: E731
-    if kind == "second":  # another step on either face, which is not the one that is asked for
-        size, at = (
-            random.uniform(-20.0, 20.0) * UM,
-            random.choice([-1, 1]) * random.uniform(250, 450) * UM,
+    edge = partial(make_edge, height, radius, burr=burr, place=place, wide=wide)
+    truth = {"step_height": height, "edge_radius": radius, "burr": burr}
+    feature, tip, cone = "edge", 0.0, 0.0
+    if kind in ("map", "turned", "patch"):
+        scan = draw_map(kind, edge, scales, roughness, random, truth)
+    elif kind in ("groove", "dome", "unlike"):
+        feature = "groove"
+        scan, truth, tip, cone = draw_groove(kind, height, scales, roughness, random)
+    else:
+        shape = edge(bow=bow)
+        if kind == "ramp":
+            angle = math.radians(random.uniform(30.0, 58.0))
+            corner = random.uniform(2.0, 6.0) * UM
+            truth |= {"riser_angle": angle, "edge_radius": corner}
+            shape = partial(flank_gauge, height=height, angle=angle, radius=corner)
+        if kind == "second":
+            shape = draw_second_step(height, radius, random)
+            del truth["burr"]
+        stylus = None
+        if kind in ("cone", "plain"):
+            stylus = draw_stylus(random)
+        if stylus is not None:
+            tip, cone = stylus
+        scan = draw_profile(
+            kind, shape, scales, roughness, random, stylus=stylus, step=0.5 * UM, reach=600 * UM
         )
-        shape = lambda x: edge_gauge(x, height, radius) + size * (x > at)  # noqa: E731
-        del truth["burr"]
-    if kind in ("dome", "unlike"):  # a groove with a round bottom; two grooves that are unlike
-        width, size = 600 * UM + random.uniform(-150.0, 150.0) * UM, random.uniform(15.0, 35.0) * UM
-        truth = {"groove_depth": height} | ({"groove_width": width} if kind == "unlike" else {})
-        half = width / math.sqrt(2.0)  # a parabola is this wide at half its depth
-        round_bottom = lambda x: -height * np.maximum(1.0 - (x / half) ** 2, 0.0)  # noqa: E731
-        two = lambda x: (  # noqa: E731
-            groove_gauge(x, height, -width / 2, width / 2, UM)
-            + groove_gauge(x, size, 900 * UM, 1300 * UM, UM)
-        )
-        shape = round_bottom if kind == "dome" else two
-        step, reach = UM, 2000 * UM
+    how = EvaluationOptions(stylus_radius=tip, stylus_cone=cone)
+    instrument = Instrument(relative, 0.0, relative)
+    return kind, scan, {"options": how, "instrument": instrument, "feature": feature}, truth
+
+
+def draw_second_step(height, radius, random):
+    """Return the heights of an edge by place, and of a step on a face that is not asked for."""
+    size = random.uniform(-20.0, 20.0) * UM
+    second = random.choice([-1, 1]) * random.uniform(250, 450) * UM
+    return lambda x: edge_gauge(x, height, radius) + size * (x > second)
+
+
+def draw_groove(kind, height, scales, roughness, random):
+    """Return a scan of a groove, its truth, and radius and cone of the stylus."""
     if kind == "groove":
         width = 600 * UM + random.uniform(-180.0, 180.0) * UM
-        truth = {"groove_depth": height, "groove_width": width}
-        step, reach, wall = UM, 1400 * UM, random.uniform(0.0, 2.0) * UM
-    if kind in ("map", "turned", "patch"):
-        turn = math.radians(random.uniform(-25.0, 25.0)) if kind == "turned" else 0.0
-        pixels, fine, step = (300, 60), 3, 1.5 * UM
-        x, y = ((np.arange(n * fine) + 0.5 - 0.5 * n * fine) * step / fine for n in pixels)
-        x = x + random.uniform(-0.5, 0.5) * step
-        across = x[np.newaxis, :] * math.cos(turn) + y[:, np.newaxis] * math.sin(turn)
-        if kind == "patch":  # a parabola over a face lies within a quarter of its rise from a plane
-            bow = random.uniform(4.0, 40.0) * UM * (500 * UM / 5e-3) ** 2
-            truth |= dict.fromkeys(("flatness_lower", "flatness_upper"), 0.25 * bow * 100.0)
-        z = shape(across).reshape(pixels[1], fine, pixels[0], fine).mean(axis=(1, 3))
-        z = z + correlated_map(z.shape, step, 5e-9, rough, length, random)
-        scan = HeightMap(scale * z, lateral * step, lateral * step, kind)
-    else:
-        has_stylus = kind in ("cone", "plain", "groove") and random.uniform() < 0.6
-        if has_stylus:
-            tip, cone = random.choice([2.0, 5.0]) * UM, math.radians(random.choice([60.0, 90.0]))
-        if kind == "groove":
-            wall = random.uniform(0.0, height * math.tan(0.5 * cone)) if has_stylus else wall
-            shape = lambda x: groove_gauge(x, height, -width / 2, width / 2, wall)  # noqa: E731
-        if has_stylus:
-            finer = np.arange(-reach - 50 * UM, reach + 50 * UM, 0.1 * UM)
-            worn = tip * random.uniform(0.75, 1.25)
-            seen = stylus_trace(finer, shape(finer), worn, cone)
-        x = np.arange(-reach, reach, step) + random.uniform(-0.5, 0.5) * step
-        z = shape(x) if tip == 0.0 else np.interp(x, finer, seen)
-        z = z + correlated_noise(len(x), step, 5e-9, rough, length, random)
-        z = scale * z + random.uniform(-1e-3, 1e-3) * x
-        scan = ScannedProfile(lateral * x, z, kind)
-    how = EvaluationOptions(stylus_radius=tip, stylus_cone=cone)
-    asked = {"options": how, "instrument": Instrument(relative, 0.0, relative)}
-    return (
-        kind,
-        scan,
-        asked | {"feature": "groove" if kind in ("groove", "dome", "unlike") else "edge"},
-        truth,
+        wall = random.uniform(0.0, 2.0) * UM
+        stylus = draw_stylus(random)
+        tip, cone = stylus or (0.0, 0.0)
+        if stylus is not None:
+            wall = random.uniform(0.0, height * math.tan(0.5 * cone))
+        shape = lambda x: groove_gauge(x, height, -width / 2, width / 2, wall)  # noqa: E731
+        scan = draw_profile(
+            kind, shape, scales, roughness, random, stylus=stylus, step=UM, reach=1400 * UM
+        )
+        return scan, {"groove_depth": height, "groove_width": width}, tip, cone
+    width, size = 600 * UM + random.uniform(-150.0, 150.0) * UM, random.uniform(15.0, 35.0) * UM
+    truth = {"groove_depth": height}
+    shape = make_round_groove(height, width)
+    if kind == "unlike":
+        truth["groove_width"] = width
+        shape = make_two_grooves(height, width, size)
+    scan = draw_profile(
+        kind, shape, scales, roughness, random, stylus=None, step=UM, reach=2000 * UM
     )
+    return scan, truth, 0.0, 0.0
+
+
+def draw_stylus(random):
+    """Return radius and cone of a stylus, in six of ten cases; else None."""
+    if random.uniform() >= 0.6:
+        return None
+    return random.choice([2.0, 5.0]) * UM, math.radians(random.choice([60.0, 90.0]))
+
+
+def draw_map(kind, edge, scales, roughness, random, truth):
+    """Return a map of an edge; `truth` takes the form of a face that is bowed.
+
+    `edge` takes a bow, and returns the heights by place.
+    """
+    turn = math.radians(random.uniform(-25.0, 25.0)) if kind == "turned" else 0.0
+    pixels, fine, step = (300, 60), 3, 1.5 * UM
+    x, y = ((np.arange(n * fine) + 0.5 - 0.5 * n * fine) * step / fine for n in pixels)
+    x = x + random.uniform(-0.5, 0.5) * step
+    across = x[np.newaxis, :] * math.cos(turn) + y[:, np.newaxis] * math.sin(turn)
+    bow = 0.0
+    if kind == "patch":  # a parabola over a face lies within a quarter of its rise from a plane
+        bow = random.uniform(4.0, 40.0) * UM * (500 * UM / 5e-3) ** 2
+        truth |= dict.fromkeys(("flatness_lower", "flatness_upper"), 0.25 * bow * 100.0)
+    shape = edge(bow=bow)
+    z = shape(across).reshape(pixels[1], fine, pixels[0], fine).mean(axis=(1, 3))
+    z = z + correlated_map(z.shape, step, 5e-9, *roughness, random)
+    scale, lateral = scales
+    return HeightMap(scale * z, lateral * step, lateral * step, kind)
+
+
+def draw_profile(kind, shape, scales, roughness, random, *, stylus, step, reach):
+    """Return a profile of a shape up to a reach on either side, traced by a stylus if there is one.
+
+    The stylus is worn; its cone is that of the stated one.
+    """
+    if stylus is not None:
+        tip, cone = stylus
+        finer = np.arange(-reach - 50 * UM, reach + 50 * UM, 0.1 * UM)
+        worn = tip * random.uniform(0.75, 1.25)
+        seen = stylus_trace(finer, shape(finer), worn, cone)
+    x = np.arange(-reach, reach, step) + random.uniform(-0.5, 0.5) * step
+    z = shape(x) if stylus is None else np.interp(x, finer, seen)
+    z = z + correlated_noise(len(x), step, 5e-9, *roughness, random)
+    scale, lateral = scales
+    z = scale * z + random.uniform(-1e-3, 1e-3) * x
+    return ScannedProfile(lateral * x, z, kind)
 
 
 def draw_disturbed(kind, random):
@@ -270,6 +331,15 @@ def main():
     first = int(sys.argv[3]) if len(sys.argv) > 3 else 0
     numbers = range(first, first + count)
     path = Path(sys.argv[2] if len(sys.argv) > 2 else "out/softgauge-verdicts.jsonl")
+    done = judge_missing(numbers, path)
+    rows = [row for number in numbers for row in done[number]["judged"]]
+    print(f"{count} gauges, {sum('refused' in done[number] for number in numbers)} refused\n")
+    print_rows(rows)
+    return int(any(row["false_conforms"] for row in rows))
+
+
+def judge_missing(numbers, path):
+    """Return the records of gauges by number; those that the file lacks are judged and added."""
     path.parent.mkdir(parents=True, exist_ok=True)
     lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
     code = records.code_hash("inspect", "artefacts")
@@ -282,19 +352,23 @@ def main():
                 done[number] = judge_gauge(number, part) | {"code": code}
                 file.write(json.dumps(done[number]) + "\n")
                 file.flush()
-    rows = [row for number in numbers for row in done[number]["judged"]]
-    print(f"{count} gauges, {sum('refused' in done[number] for number in numbers)} refused\n")
+    return done
+
+
+def print_rows(rows):
+    """Print how many verdicts on each characteristic are false, and how many intervals hold."""
     print("| characteristic | judged | interval holds | false conforms | false does not conform |")
     print("|---|---|---|---|---|")
     total = [0, 0, 0]
     for key in dict.fromkeys(row["key"] for row in rows):
-        own = [row for row in rows if row["key"] == key]
-        held = sum(row["holds"] for row in own) / len(own)
-        wrong = [sum(row[name] for row in own) for name in ("false_conforms", "false_rejection")]
-        total = [a + b for a, b in zip(total, (len(own), *wrong), strict=True)]
-        print(f"| {key} | {len(own)} | {held:.1%} | {wrong[0]} | {wrong[1]} |")
+        of_key = [row for row in rows if row["key"] == key]
+        count = len(of_key)
+        held = sum(row["holds"] for row in of_key) / count
+        accepted = sum(row["false_conforms"] for row in of_key)
+        rejected = sum(row["false_rejection"] for row in of_key)
+        total = [total[0] + count, total[1] + accepted, total[2] + rejected]
+        print(f"| {key} | {count} | {held:.1%} | {accepted} | {rejected} |")
     print("| all | {} | - | {} | {} |".format(*total))
-    return int(any(row["false_conforms"] for row in rows))
 
 
 if __name__ == "__main__":

@@ -384,24 +384,37 @@ def summarise(names: list[str]) -> None:
         print(f"| analysis | outcome | studies | {said} | 95 % interval | with a bad participant |")
         print("|---|---|---|---|---|---|")
         for name in names:
-            lines = [one for one in read(name) if one["effect"] == effect and one[key]]
-            for outcome in dict.fromkeys(label for one in lines for label in one[key]):
-                hits = {
-                    bad: [
-                        one[key][outcome] < 0.05 if key == "p" else one[key][outcome]
-                        for one in lines
-                        if one["bad"] == bad and outcome in one[key]
-                    ]
-                    for bad in (False, True)
-                }
-                every = hits[False] + hits[True]
-                low, high = proportion_confint(sum(every), len(every), method="wilson")
-                share = f"{np.mean(hits[True]):.3f}" if hits[True] else ""
-                print(
-                    f"| {name} | {outcome} | {len(every)} | {np.mean(every):.3f} | "
-                    f"{low:.3f} to {high:.3f} | {share} |"
-                )
+            lines = [line for line in read(name) if line["effect"] == effect and line[key]]
+            for outcome in dict.fromkeys(label for line in lines for label in line[key]):
+                print(format_outcome(name, outcome, lines, key))
         print()
+
+
+def format_outcome(name: str, outcome: str, lines: list[dict[str, Any]], key: str) -> str:
+    """Format the row of an outcome of an analysis: how often it is claimed, or holds."""
+    without_bad = list_hits(lines, key, outcome, bad=False)
+    with_bad = list_hits(lines, key, outcome, bad=True)
+    hits = without_bad + with_bad
+    low, high = proportion_confint(sum(hits), len(hits), method="wilson")
+    share = f"{np.mean(with_bad):.3f}" if with_bad else ""
+    return (
+        f"| {name} | {outcome} | {len(hits)} | {np.mean(hits):.3f} | "
+        f"{low:.3f} to {high:.3f} | {share} |"
+    )
+
+
+def list_hits(lines: list[dict[str, Any]], key: str, outcome: str, *, bad: bool) -> list[bool]:
+    """List of the studies with or without a bad participant whether an outcome is claimed, holds.
+
+    `key` is ``p``, below which it is claimed, or ``held``.
+    """
+    hits = []
+    for line in lines:
+        if line["bad"] != bad or outcome not in line[key]:
+            continue
+        found = line[key][outcome]
+        hits.append(found < 0.05 if key == "p" else found)
+    return hits
 
 
 def main() -> None:
