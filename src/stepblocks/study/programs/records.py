@@ -376,7 +376,10 @@ def _list_compared_columns(
     table: TextTable, varying: Sequence[int], keys: Sequence[str]
 ) -> list[int]:
     """List the places of the columns in which rows of one trial agree."""
-    if keys:
-        known_keys = [key for key in keys if key in table.names]
-        return table.find_columns(known_keys)
-    return sorted(set(range(len(table.names))).difference(varying))
+    if not keys:
+        return sorted(set(range(len(table.names))).difference(varying))
+    known_keys = []
+    for key in keys:
+        if key in table.names:
+            known_keys.append(key)
+    return table.find_columns(known_keys)
