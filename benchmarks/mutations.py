@@ -105,6 +105,12 @@ PRELOADED += (
 )
 
 
+def compute_key(path: str, function: str, before: str, after: str) -> str:
+    """Compute the key of a change of an expression of a function."""
+    text = "|".join((path, function, before, after))
+    return hashlib.sha256(text.encode()).hexdigest()[:12]
+
+
 @dataclass(frozen=True)
 class Mutant:
     """One change of one expression."""
@@ -120,8 +126,7 @@ class Mutant:
     @property
     def key(self) -> str:
         """Name that stays the same while the function stays the same."""
-        text = "|".join((self.path, self.function, self.before, self.after))
-        return hashlib.sha256(text.encode()).hexdigest()[:12]
+        return compute_key(self.path, self.function, self.before, self.after)
 
     def __str__(self) -> str:
         return f"{self.path}:{self.line} {self.function}: {self.before}  ->  {self.after}"
@@ -640,9 +645,41 @@ def run_all(
             print(f"{line['outcome']:9} {line['seconds']:6} s  {line['mutant']}", flush=True)
 
 
-def read_reasons() -> dict[str, dict[str, str]]:
+@dataclass(frozen=True)
+class KnownSurvivor:
+    """A mutant that no test can notice, or none has a value to hold it to.
+
+    Attributes
+    ----------
+    path, function, before, after : str
+        As those of the mutant.
+    reason : str
+    chosen : bool
+        Whether the changed value was chosen by us, so that no expected value exists.
+    """
+
+    path: str
+    function: str
+    before: str
+    after: str
+    reason: str
+    chosen: bool = False
+
+    @property
+    def key(self) -> str:
+        """Key of the mutant."""
+        return compute_key(self.path, self.function, self.before, self.after)
+
+
+def read_known_survivors() -> dict[str, KnownSurvivor]:
     """Read why the survivors that are known survive, by their keys."""
-    return json.loads(EQUIVALENT.read_text(encoding="utf-8")) if EQUIVALENT.exists() else {}
+    if not EQUIVALENT.exists():
+        return {}
+    found = {}
+    for fields in json.loads(EQUIVALENT.read_text(encoding="utf-8")):
+        survivor = KnownSurvivor(**fields)
+        found[survivor.key] = survivor
+    return found
 
 
 def is_too_many(outcomes: list[str], share: float) -> bool:
@@ -668,7 +705,8 @@ def run_near_tests_first(tree: Tree, mutant: Mutant, left: float) -> str:
 
 def sample(mutants: list[Mutant], seconds: float, share: float) -> int:
     """Try a few, the tests of their module first, as far as the time goes."""
-    mutants = [mutant for mutant in mutants if mutant.key not in read_reasons()]
+    known = read_known_survivors()
+    mutants = [mutant for mutant in mutants if mutant.key not in known]
     end = time.monotonic() + seconds
     tried: list[dict[str, object]] = []
     with tempfile.TemporaryDirectory(prefix="mutants-") as scratch:
@@ -701,13 +739,13 @@ def summary(record: Path) -> int:
     present = {mutant.key for room in ROOMS for mutant in find_mutants(ROOT, room)}
     tried = read_record(record)
     lines = [line for line in tried if line["key"] in present]
-    reasons = read_reasons()
-    equivalent = {key for key, one in reasons.items() if not one.get("chosen")}
+    known = read_known_survivors()
+    equivalent = {key for key, survivor in known.items() if not survivor.chosen}
     print_shares(lines, equivalent)
     print("\nSurvivors:\n\n| place | change | why no test can notice it |\n|---|---|---|")
     for line in lines:
         if line["outcome"] == "survived":
-            print_survivor(line, reasons)
+            print_survivor(line, known.get(line["key"]))
     gone = len(tried) - len(lines)
     if gone:
         print(f"\n{gone} more were tried in functions that have changed since.")
@@ -727,14 +765,15 @@ def print_shares(lines: list[dict[str, str]], equivalent: set[str]) -> None:
         print(f"| {room or 'all'} | {len(of_room)} | {noticed} | {equal} | {remaining} |")
 
 
-def print_survivor(line: dict[str, str], reasons: dict[str, dict[str, str]]) -> None:
+def print_survivor(line: dict[str, str], known: KnownSurvivor | None) -> None:
     """Print a survivor with the reason where one is known."""
     text = " ".join(line["mutant"].removeprefix("src/stepblocks/").split())
     place, change = text.replace("|", "or").split(": ", 1)
-    known = reasons.get(line["key"], {"reason": "none known: a test is missing"})
-    why = known["reason"]
-    if known.get("chosen"):
-        why = f"no value to hold it to: {why}"
+    why = "none known: a test is missing"
+    if known is not None:
+        why = known.reason
+        if known.chosen:
+            why = f"no value to hold it to: {why}"
     print(f"| {place} | {change} | {why} |")
 
 

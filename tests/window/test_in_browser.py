@@ -1,6 +1,5 @@
 """From an empty folder by clicks alone, in a real browser: each gives what its commands give."""
 
-import os
 import shlex
 import shutil
 import time
@@ -379,7 +378,7 @@ def test_of_two_thousand_files_that_are_dropped_at_once_each_is_taken_or_refused
     taken = {f"scan-{number}.csv" for number in range(MANY) if number % 400 != 7}
     scans = folder / "scans"
     # a file that is still written lies there under another name
-    wait_for(lambda: scans.is_dir() and set(os.listdir(scans)) == taken, "every scan")
+    wait_for(lambda: {path.name for path in scans.glob("*")} == taken, "every scan")
     for number in (0, 999, MANY - 1):
         text = f"x_um,z_um\n0,{number}\n1,0\n2,0\n"
         assert (scans / f"scan-{number}.csv").read_text() == text

@@ -161,28 +161,55 @@ def list_files(folder):
     return found
 
 
-SERVER = """
-import sys
+SERVERS = """
+import json, os, signal, sys
 from pathlib import Path
 from stepblocks.window.command_line import ShownCommand
 from stepblocks.window.window import Window, serve_window
-window = Window(Path(sys.argv[1]))
 
-def start(_):
-    window.jobs.start(ShownCommand("job", tuple(sys.argv[2:])))
-    print("started", flush=True)
+def serve(folder, words):
+    window = Window(Path(folder))
 
-serve_window(window, 0, start)
+    def start(_):
+        window.jobs.start(ShownCommand("job", tuple(words)))
+        print(os.getpid(), flush=True)
+
+    serve_window(window, 0, start)
+
+signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody waits for a server
+for line in sys.stdin:
+    folder, words, environment = json.loads(line)
+    if os.fork() == 0:
+        os.environ.update(environment)
+        signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+        serve(folder, words)
+        os._exit(0)
 """
 
 
-def start_server(folder, words):
-    """Start the server of a window, and a job from it; return its process."""
-    server = subprocess.Popen(
-        [sys.executable, "-c", SERVER, str(folder), *words], stdout=subprocess.PIPE, text=True
-    )
-    assert server.stdout.readline() == "started\n"
-    return server
+class Servers:
+    """A process that has loaded the window once, and begins servers as forks of itself."""
+
+    def __init__(self):
+        command = [sys.executable, "-c", SERVERS]
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+        self._process = subprocess.Popen(command, text=True, **pipes)
+
+    def start(self, folder, words):
+        """Start the server of a window, and a job from it; return its process."""
+        self._process.stdin.write(json.dumps([str(folder), words, dict(os.environ)]) + "\n")
+        self._process.stdin.flush()
+        return psutil.Process(int(self._process.stdout.readline()))
+
+    def close(self):
+        self._process.communicate(timeout=60)
+
+
+@pytest.fixture(scope="module")
+def servers():
+    begun = Servers()
+    yield begun
+    begun.close()
 
 
 def kill(processes):
@@ -194,12 +221,17 @@ def kill(processes):
             continue
 
 
-def kill_in_job(folder, words, seconds):
+def kill_with_all(server):
+    """Kill a server with all that it started."""
+    kill([server, *server.children(recursive=True)])
+    server.wait(60)
+
+
+def kill_in_job(servers, folder, words, seconds):
     """Start a command from a window, and kill both with all that they started after a time."""
-    server = start_server(folder, words)
+    server = servers.start(folder, words)
     time.sleep(seconds)
-    kill([server, *psutil.Process(server.pid).children(recursive=True)])
-    server.communicate(timeout=60)
+    kill_with_all(server)
 
 
 def wait_for_end(job):
@@ -235,7 +267,9 @@ def test_every_command_that_the_window_can_start_is_killed_here():
 
 @pytest.mark.long
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_kill_in_a_job_leaves_whole_files_and_the_next_window_runs_it_again(kind, tmp_path):
+def test_a_kill_in_a_job_leaves_whole_files_and_the_next_window_runs_it_again(
+    kind, servers, tmp_path
+):
     words = JOBS[kind].words
     ready = tmp_path / "ready" / "whole"  # a name that files may hold
     put_files(ready, kind)
@@ -244,13 +278,13 @@ def test_a_kill_in_a_job_leaves_whole_files_and_the_next_window_runs_it_again(ki
     whole = list_files(tmp_path / "whole")
     alone = tmp_path / "alone" / "whole"
     shutil.copytree(ready, alone)
-    go_on_without_server(alone, words, whole)
+    go_on_without_server(servers, alone, words, whole)
     shares = SHARES if kind in OFTEN else SHARES[:1]
     for number, share in enumerate(shares):
         folder = tmp_path / f"killed-{number}" / "whole"
         shutil.copytree(ready, folder)
         saved = list_files(folder)
-        kill_in_job(folder, words, share * seconds)
+        kill_in_job(servers, folder, words, share * seconds)
         left = list_files(folder)
         for name, content in saved.items():
             # the note of what was written is as before the job or as behind it, never between
@@ -274,11 +308,11 @@ def test_a_kill_in_a_job_leaves_whole_files_and_the_next_window_runs_it_again(ki
         assert list_files(folder) == whole
 
 
-def go_on_without_server(folder, words, whole):
+def go_on_without_server(servers, folder, words, whole):
     """Kill the server alone: its job goes on, the next window finds it, and all files are there."""
-    server = start_server(folder, words)
+    server = servers.start(folder, words)
     kill([server])
-    server.communicate(timeout=60)
+    server.wait(60)
     jobs = JobList(folder)
     jobs.find_again()
     try:
@@ -308,20 +342,21 @@ def ask(port, path, body=None, **headers):
 
 
 @pytest.mark.long
-def test_an_answer_of_a_participant_outlives_a_kill_and_the_run_goes_on_with_the_next(tmp_path):
+def test_an_answer_of_a_participant_outlives_a_kill_and_the_run_goes_on_with_the_next(
+    servers, tmp_path
+):
     """Server, run and all that they started are killed while the second trial is asked for."""
     folder = tmp_path / "lab"
     put_files(folder, "study run")
     port = find_free_port()
     words = answer(make_run_command([STUDY], [FILE]), file="", port=str(port)).words
-    server = start_server(folder, words)
+    server = servers.start(folder, words)
     (token,) = re.findall(r'token = "([^"]+)"', ask(port, "/"))
     body = json.dumps({"trial": "1", "answers": {"estimate_um": "30"}})
     assert json.loads(ask(port, "/answer", body, **{"X-Stepblocks": token}))["trial"] == "2"
     saved = list_files(folder)
     assert f"{STUDY}/runs/participant-1.csv" in saved
-    kill([server, *psutil.Process(server.pid).children(recursive=True)])
-    server.communicate(timeout=60)
+    kill_with_all(server)
     assert list_files(folder) == saved
     jobs = JobList(folder)
     jobs.find_again()
