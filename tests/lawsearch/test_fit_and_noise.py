@@ -1,10 +1,11 @@
 """Fits and noise on a linear toy, where generalised least squares has a closed form."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
-from scipy.optimize import minimize
+from scipy.optimize import OptimizeResult, least_squares, minimize
 from scipy.stats import multivariate_normal, norm
 
 from oracles.toy_model import Toy, toy_effects, toy_trials
@@ -59,6 +60,38 @@ def test_a_fit_that_a_rival_leads_by_far_is_given_up_after_some_steps_and_no_oth
         assert np.array_equal(slopes[0], slopes[-1])
         with pytest.raises(HopelessFitError):
             far_ahead.jacobian(end)
+
+
+def test_a_fit_that_presses_on_a_bound_ends_there_with_the_least_cost_within_bounds(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    searches = []
+
+    def search(*arguments: Any, **options: Any) -> OptimizeResult:
+        solution = least_squares(*arguments, **options)
+        searches.append(solution)
+        return solution
+
+    problem = build_problem(Toy(), toy_trials(80, 1, square=3.0))
+    square = toy_effects()[0]
+    bounded = replace(square, parameters=(replace(square.parameters[0], high=2.0),))
+    objective = Objective(problem, (bounded,))
+    size = objective.names.index("square_of_z.size")
+    size_at_bound = objective.bounds[1][size]
+
+    def compute_cost(constants: Floats) -> float:
+        residual = objective.residual(np.insert(constants, size, size_at_bound))
+        return float(residual @ residual)
+
+    start = np.delete(objective.start, size)
+    # an independent program finds the same constants beside the bound
+    least = minimize(compute_cost, start, method="Powell", options={"ftol": 1e-12})
+    monkeypatch.setattr("stepblocks.lawsearch.fit.least_squares", search)
+    found = fit(problem, (bounded,))
+    assert found.values["square_of_z.size"] == pytest.approx(2.0, abs=1e-4)
+    assert found.cost == pytest.approx(least.fun, abs=1e-2)
+    # no second search is asked for what lies beyond the bound
+    assert len(searches) == 1
 
 
 def test_scatter_is_split_between_the_common_quantity_and_the_channels() -> None:

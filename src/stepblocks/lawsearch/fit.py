@@ -6,9 +6,9 @@ import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 
 from stepblocks.errors import PipelineError
-from stepblocks.lawsearch.forward_model import ForwardModel, Trials
+from stepblocks.lawsearch.forward_model import Floats, ForwardModel, Trials
 from stepblocks.lawsearch.law import Law, list_starts
-from stepblocks.lawsearch.objective import Objective
+from stepblocks.lawsearch.objective import STEP, Objective
 from stepblocks.lawsearch.problem import Fit, Problem, build_noise_without_model
 from stepblocks.lawsearch.scatter import TRIALS_PER_SPECIMEN
 
@@ -62,7 +62,7 @@ def fit(
         gtol=_SLOPE_TOLERANCE,
         max_nfev=evaluations,
     )
-    if _has_room_to_improve(solution):
+    if _has_room_to_improve(solution, objective.bounds):
         # the trust region weighs its steps by the distance to all bounds, also far from them: along
         # a narrow valley they become too short long before its bottom
         solution = least_squares(
@@ -97,9 +97,15 @@ def fit(
     )
 
 
-def _has_room_to_improve(solution: OptimizeResult) -> bool:
-    """Tell whether one more Gauss-Newton step would lower the cost of a solution."""
-    basis, _ = np.linalg.qr(solution.jac)
+def _has_room_to_improve(solution: OptimizeResult, bounds: tuple[Floats, Floats]) -> bool:
+    """Tell whether one more Gauss-Newton step within the bounds would lower the cost of a solution.
+
+    What presses against its bound stays there: a step over the bound promises what no fit can keep.
+    """
+    low, high = bounds
+    way_down = np.where(solution.grad > 0.0, solution.x - low, high - solution.x)
+    is_free = way_down > STEP
+    basis, _ = np.linalg.qr(solution.jac[:, is_free])
     return float(np.sum((basis.T @ solution.fun) ** 2)) > _LEAST_GAIN
 
 
