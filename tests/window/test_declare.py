@@ -257,7 +257,7 @@ def test_what_holds_no_length_has_no_slider(entry):
     ],
 )
 def test_a_slider_changes_one_size_of_an_entry_and_leaves_the_rest_as_typed(entry, name, changed):
-    (size,) = [size for size in list_sizes(entry) if size.name == name]
+    (size,) = [size for size in list_sizes(entry) if size.place_label == name]
     assert size.range.value == 25.0
     assert changed in size.write(entry, 30.0)
     assert len(size.write(entry, 30.0)) == len(entry)

@@ -187,7 +187,7 @@ def _iterate_fitted_curves(trace: Trace, measurement: Measurement) -> Iterator[_
     yield _Curve("sliding", sliding + measurement.start, approach.compute_sliding_curve(sliding))
     ramp = time[(time >= approach.onset) & (time <= release)]
     yield _Curve("ramp", ramp + measurement.start, approach.compute_ramp_line(ramp))
-    ringing = time[time >= after.ring.origin]
+    ringing = time[time >= after.ring.time_zero]
     force = after.ring.compute_curve(ringing)
     hum = np.zeros_like(ringing)  # a damped ring was fitted with its hum
     if not after.rings_freely:

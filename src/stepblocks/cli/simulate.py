@@ -51,15 +51,19 @@ def _read_trial_counts(text: str) -> dict[str, int]:
     return {block: read(count) for block, count in pairs.items()}
 
 
-def _read_energy_shares(text: str) -> dict[str, float]:
-    """Read energy shares by condition, as ``name=share`` or from a set with sheaths."""
+def _read_factors_by_condition(text: str) -> dict[str, float]:
+    """Read a factor for each condition from pairs ``condition=factor`` separated by commas.
+
+    In place of pairs, `text` may be the path of a stimulus file (.toml) with sheaths: the factors
+    are then the shares of the energy that the sheaths let through.
+    """
     if text.endswith(".toml"):
         from stepblocks.predict.sheaths import find_energy_shares
 
         return find_energy_shares(text)
     read = make_quantity_reader("ratio")
     pairs = read_pairs(text, "name=share")
-    return {condition: read(share) for condition, share in pairs.items()}
+    return {condition: read(factor) for condition, factor in pairs.items()}
 
 
 Damping = Annotated[
@@ -67,7 +71,7 @@ Damping = Annotated[
     typer.Option(
         "--damping",
         metavar="A=X,B=Y",
-        parser=_read_energy_shares,
+        parser=_read_factors_by_condition,
         help="share of the energy that each condition lets through, such as bare=1,soft=0.5; or a "
         "stimulus file with sheaths",
         rich_help_panel=_OBSERVER,
@@ -78,7 +82,7 @@ Noisier = Annotated[
     typer.Option(
         "--noisier",
         metavar="A=X,B=Y",
-        parser=_read_energy_shares,
+        parser=_read_factors_by_condition,
         help="factor on the response noise of each condition, such as soft=3",
         rich_help_panel=_OBSERVER,
     ),

@@ -424,7 +424,7 @@ def write_many(
     written = []
     for number, (serial, report) in enumerate(result.reports.items(), start=1):
         subfolder = base / re.sub(r"[^\w.-]+", "_", serial).strip(".")
-        of_block = _name_block_in(laboratory, serial, report.identity)
+        of_block = _fill_in_serial(laboratory, serial, report.identity)
         if of_block is not None and len(result.reports) > 1:
             # ISO/IEC 17025, 7.8.2.1 d: the number of a certificate is its own
             of_block = of_block.model_copy(
@@ -441,10 +441,10 @@ def write_many(
     return [table, page, *batch_files, *written]
 
 
-def _name_block_in(laboratory: Laboratory | None, serial: str, identity: str) -> Laboratory | None:
-    """Return what a laboratory states, with the serial number of a block.
+def _fill_in_serial(laboratory: Laboratory | None, serial: str, identity: str) -> Laboratory | None:
+    """Return what a laboratory states, with the serial number of a block filled in.
 
-    Of a block that nothing names but its part, the laboratory may know the number.
+    The laboratory's own number stays where `serial` is nothing but the name of the part.
     """
     if laboratory is None:
         return None

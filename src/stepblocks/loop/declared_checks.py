@@ -80,7 +80,7 @@ class CalibrationCheck:
     contradicts : bool
         Whether shown and declared differ by more than 99 % allow.
     slip : float | None
-        The factor near which the ratio lies, at which people slip.
+        Factor of a typical mistake near which `shown` lies [1]; None without one.
     explained : bool
         Whether an effect that was found accounts for the difference.
     """
@@ -137,7 +137,7 @@ class RateCheck:
 
     @property
     def slip(self) -> float | None:
-        """The factor near which the ratio lies, at which people slip."""
+        """Factor of a typical mistake near which `shown` lies [1]; None without one."""
         return find_slip_factor(self.shown)
 
     @property

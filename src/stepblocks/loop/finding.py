@@ -96,7 +96,7 @@ def _list_sentences(explanation: Explanation, record: LoopRecord) -> list[str]:
         rivals = record.rivals[first_rival:last_rival]
         parts.append(describe_finding(finding, entry, rivals, sentences))
         first_rival = last_rival
-    doubt = describe_doubt_of_whole(explanation)
+    doubt = describe_remaining_doubt_of_whole(explanation)
     if doubt:
         parts.append(doubt)
     if any(hint.kind != STICK_SLIP for hint in explanation.hints):
@@ -104,8 +104,8 @@ def _list_sentences(explanation: Explanation, record: LoopRecord) -> list[str]:
     return parts
 
 
-def describe_doubt_of_whole(explanation: Explanation) -> str:
-    """Say why the whole is not claimed; empty if it is, or if a finding says why."""
+def describe_remaining_doubt_of_whole(explanation: Explanation) -> str:
+    """Say why the whole is not claimed; empty if it is, or if a finding gives the same reason."""
     if explanation.verdict is not Verdict.UNEXPLAINED or not explanation.reason:
         return ""
     if any(finding.reason == explanation.reason for finding in explanation.findings):

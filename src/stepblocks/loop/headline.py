@@ -12,7 +12,7 @@ from stepblocks.lawsearch.holdout import Holdout
 from stepblocks.loop.channels import ENERGY, JUDGED
 from stepblocks.loop.finding import (
     describe_apart_trials,
-    describe_doubt_of_whole,
+    describe_remaining_doubt_of_whole,
     describe_finding,
     format_errors,
 )
@@ -101,7 +101,7 @@ def _count_trials_of_effect(finding: Finding, table: SessionTable) -> int:
 def _write_closing_lines(explanation: Explanation, record: LoopRecord) -> list[str]:
     """Write the closing lines: doubt of the whole, trials held apart, notes, and errors."""
     lines = []
-    doubt = describe_doubt_of_whole(explanation)
+    doubt = describe_remaining_doubt_of_whole(explanation)
     if doubt:
         lines.append(doubt)
     apart = describe_apart_trials(len(record.apart))

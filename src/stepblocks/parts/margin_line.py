@@ -8,7 +8,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,7 +55,7 @@ def measure_stations_in_worker(
     margin: list[list[float]],
     count: int,
     towards: Sequence[float],
-    shows: str,
+    shown_sides: str,
 ) -> dict[str, object]:
     """Measure `count` sections across a margin, in a confined process.
 
@@ -71,8 +71,8 @@ def measure_stations_in_worker(
         Number of stations.
     towards : sequence of float
         Rough direction of the crown from the root.
-    shows : str
-        ``"tooth"``, ``"crown"`` or ``"both"``.
+    shown_sides : str
+        Sides that the scan covers: ``"tooth"``, ``"crown"`` or ``"both"``.
 
     Returns
     -------
@@ -102,7 +102,9 @@ def measure_stations_in_worker(
         frames = []
         for origin, direction in zip(places, directions, strict=True):
             frames.append(find_frame(origin, direction, middle, draw))
-        rows.append(_measure_station(mesh, near, frames, shows, f"station {number + 1}", path))
+        station = f"station {number + 1}"
+        shape = _fit_station_shape(mesh, near, frames, shown_sides, station, path)
+        rows.append(np.hstack(shape))
     table = np.array(rows)
     rounded = np.round(table, _LENGTH_DIGITS)
     rounded[:, 9:12] = np.round(table[:, 9:12], _SLOPE_DIGITS)
@@ -140,33 +142,50 @@ def _remove_far_triangles(mesh: Any, around: Array) -> Array:
     return radii[is_near]
 
 
-def _measure_station(
+class _StationShape(NamedTuple):
+    """Shape of tooth and crown at a station, in the frame of the mesh."""
+
+    place: Array  # where the sides meet, shape (3,) [m]
+    across: Array  # unit vector along the level tooth, towards the crown, shape (3,)
+    outward: Array  # unit vector square to it, shape (3,)
+    tooth_curvature: float  # [1/m]
+    crown_slope: float  # [rad]
+    crown_curvature: float  # [1/m]
+    scatter: float  # [m]
+
+
+def _fit_station_shape(
     mesh: Any,
     near: NDArray[np.int64],
     frames: list[SectionFrame],
-    shows: str,
+    shown_sides: str,
     station: str,
     path: Path,
-) -> list[float]:
-    """Measure the sections of one station; return its row of `measure_stations_in_worker`."""
+) -> _StationShape:
+    """Fit one shape to all sections of a station; refuse a hole beside the margin.
+
+    `near` are the indices of the triangles that are cut, `shown_sides` the sides that the scan
+    covers, `station` its name in a message.
+    """
     sections = [cut_section(mesh, near, frame) for frame in frames]
-    fit = fit_sections(sections, shows)
+    fit = fit_sections(sections, shown_sides)
     if isinstance(fit, Side):
         raise StimulusError(
             f"the scan must show a third of the {fit} within {FITTED * 1e3:g} mm of the "
             f"margin, got a hole at {station} [{path.name}]"
         )
     middle = frames[SECTIONS // 2]
-    # where the sides meet, the axis across and the axis outwards, both along the level tooth
     level = fit.level @ np.stack([middle.across, middle.outward])
-    level = level + np.outer([1.0, 0.0, 0.0], middle.place)
-    return [
-        *level.ravel().tolist(),
+    place, across, outward = level + np.outer([1.0, 0.0, 0.0], middle.place)
+    return _StationShape(
+        place,
+        across,
+        outward,
         fit.tooth_curvature,
         fit.crown_slope,
         fit.crown_curvature,
         fit.scatter,
-    ]
+    )
 
 
 def read_tooth_in_worker(path: Path, scale: float, margin: list[list[float]]) -> dict[str, object]:

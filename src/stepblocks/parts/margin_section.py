@@ -127,7 +127,7 @@ class _Shape:
     scatter: float
 
 
-def fit_sections(sections: Sequence[Array], shows: str) -> MarginFit | Side:
+def fit_sections(sections: Sequence[Array], shown_sides: str) -> MarginFit | Side:
     """Fit the shape of tooth and crown to the sections of a station.
 
     The sections share their shape, each at a level of its own, in a frame that is turned until
@@ -137,8 +137,8 @@ def fit_sections(sections: Sequence[Array], shows: str) -> MarginFit | Side:
     ----------
     sections : sequence of ndarray
         Points (x, z) of each section [m], shape (n, 2).
-    shows : str
-        ``"tooth"``, ``"crown"`` or ``"both"``.
+    shown_sides : str
+        Sides that the scan covers: ``"tooth"``, ``"crown"`` or ``"both"``.
 
     Returns
     -------
@@ -150,7 +150,7 @@ def fit_sections(sections: Sequence[Array], shows: str) -> MarginFit | Side:
     origin = np.zeros(2)
     axes = np.eye(2)
     for _ in range(_TURNS):
-        sides = _find_sides(points, shows)
+        sides = _find_sides(points, shown_sides)
         for side, is_on_side in sides.items():
             if is_on_side.sum() < COVERED * _SAMPLES * SECTIONS:
                 return side
@@ -166,7 +166,7 @@ def fit_sections(sections: Sequence[Array], shows: str) -> MarginFit | Side:
         origin = origin + shape.levels[SECTIONS // 2] * axes[1]
         axes = np.array([[cos, sin], [-sin, cos]]) @ axes
     crown_slope = 0.0
-    if shows == "both":
+    if shown_sides == "both":
         crown_slope = math.atan(shape.crown_slope)
     return MarginFit(
         tooth_curvature=shape.tooth_curvature,
@@ -177,14 +177,14 @@ def fit_sections(sections: Sequence[Array], shows: str) -> MarginFit | Side:
     )
 
 
-def _find_sides(points: Array, shows: str) -> dict[Side, NDArray[np.bool_]]:
-    """Find which points (x, z) lie on each side that a scan shows, shape (n,)."""
+def _find_sides(points: Array, shown_sides: str) -> dict[Side, NDArray[np.bool_]]:
+    """Find which points (x, z) lie on each side that a scan covers, shape (n,)."""
     x = points[:, 0]
     is_within = np.abs(x) <= FITTED
     sides = {}
-    if shows in ("tooth", "both"):
+    if shown_sides in ("tooth", "both"):
         sides[Side.TOOTH] = is_within & (x < 0.0)
-    if shows in ("crown", "both"):
+    if shown_sides in ("crown", "both"):
         sides[Side.CROWN] = is_within & (x > 0.0)
     return sides
 

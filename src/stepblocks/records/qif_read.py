@@ -90,7 +90,7 @@ class _Reader:
         nominal = self._find_referenced(item, "CharacteristicNominalId")
         definition = self._find_referenced(nominal, "CharacteristicDefinitionId")
         kind = str(measurement.tag).removeprefix(_NS).removesuffix("CharacteristicMeasurement")
-        factor = self._find_factor(value, kind)
+        factor = self._find_si_factor(value, kind)
         target = self._parse_number(_find_text(nominal, "TargetValue")) * factor
         return QifResult(
             name=_find_text(item, "Name"),
@@ -109,8 +109,11 @@ class _Reader:
         """Return the element to whose id a child of an element refers; None without one."""
         return self.elements.get(_find_text(element, reference))
 
-    def _find_factor(self, value: etree._Element, kind: str) -> float:
-        """Return how many SI units make the unit of a value."""
+    def _find_si_factor(self, value: etree._Element, kind: str) -> float:
+        """Return how many SI units make the unit of a value.
+
+        Where the value names no unit or an unknown one, the primary unit of the file counts.
+        """
         usual = self.units[_LINEAR]
         if kind in _ANGULAR_KINDS:
             usual = self.units[_ANGULAR]

@@ -180,7 +180,7 @@ def compute_channels(state: DragState) -> Floats:
     loop = state.gauge_hysteresis * np.sqrt(2.0 * state.nominal_stiffness * shown.energy)
     if state.gauge_square.any() or loop.any():
         shown = _bend_gauge(state, shown, force, loop)
-    return _read_instrument(state, shown, spring, sliding, loop)
+    return _convert_to_channels(state, shown, spring, sliding, loop)
 
 
 class _Shown(NamedTuple):
@@ -256,12 +256,13 @@ def _bend_force(force: Floats, bend: Floats) -> Floats:
     return force * (1.0 + bend * force)
 
 
-def _read_instrument(
-    state: DragState, shown: _Shown, spring: "_Spring", sliding: Floats, loop: Floats
+def _convert_to_channels(
+    state: DragState, shown: _Shown, spring: "_Spring", sliding: Floats, loop_opening: Floats
 ) -> Floats:
-    """Read the channels by the constants of both gauges and of their clock, shape (n, 7).
+    """Compute the `CHANNELS`, some of them logarithms, shape (n, 7).
 
-    `sliding` is the force that acts before the edge [N], `loop` how far the loops open [1].
+    `shown` is what the tangential gauge shows before its gain, zero and cross-talk, `sliding` the
+    force that acts before the edge [N], `loop_opening` how far the loops of the gauge open [1].
     """
     pressed = np.maximum(state.set_load + state.sensed_offset, _LEAST_LOAD)
     normal = pressed + state.normal_cross_talk * sliding
@@ -276,7 +277,7 @@ def _read_instrument(
     ring_stiffness = state.ring_stiffness * spring.pitch / state.nominal_stiffness
     ring_stiffness = np.maximum(ring_stiffness, _LEAST_PITCH)
     frequency = np.log(state.frequency * np.sqrt(ring_stiffness)) - state.ln_clock
-    flattening = 8.0 / 27.0 / np.pi**2 * loop / (state.frequency * state.decay_time)
+    flattening = 8.0 / 27.0 / np.pi**2 * loop_opening / (state.frequency * state.decay_time)
     decay = np.log(state.decay_time / state.damping) + state.ln_clock
     channels = (
         np.log(energy),
@@ -284,7 +285,7 @@ def _read_instrument(
         friction,
         spring_constant,
         frequency + flattening,
-        decay - _LOOP_OF_DECAY * loop,
+        decay - _LOOP_OF_DECAY * loop_opening,
         sensed / state.set_load,
     )
     return np.asarray(np.array(channels).T, order="C")

@@ -80,7 +80,7 @@ class ScannedProfile:
     def __repr__(self) -> str:
         length = float(np.ptp(self.position)) * 1e3
         size = f"{len(self.position)} points over {length:.4g} mm"
-        return f"ScannedProfile({size}{_describe_heights(self)})"
+        return f"ScannedProfile({size}{_end_repr(self)})"
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw heights over positions in micrometres, into `ax` or new axes, and return these."""
@@ -147,7 +147,7 @@ class HeightMap:
     def __repr__(self) -> str:
         rows, columns = self.height.shape
         size = f"{columns} x {rows} points of {self.dx * 1e6:.4g} x {self.dy * 1e6:.4g} um"
-        return f"HeightMap({size}{_describe_heights(self)})"
+        return f"HeightMap({size}{_end_repr(self)})"
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw heights in micrometres as an image, into `ax` or new axes, and return these."""
@@ -183,8 +183,8 @@ def _refuse_impossible_lengths(name: str, values: Array, place: str) -> None:
         raise MetrologyError(f"{name} must lie within {_FARTHEST:g} m, got {farthest:g} m{place}")
 
 
-def _describe_heights(scan: ScannedProfile | HeightMap) -> str:
-    """Write the range of heights and the source, for a representation."""
+def _end_repr(scan: ScannedProfile | HeightMap) -> str:
+    """Write how a repr ends: a comma, the range of heights, and the source if there is one."""
     lowest = float(np.nanmin(scan.height)) * 1e6
     highest = float(np.nanmax(scan.height)) * 1e6
     heights = f", {lowest:.4g} to {highest:.4g} um"

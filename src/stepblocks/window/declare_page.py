@@ -212,7 +212,7 @@ class DeclarationForm:
             return
         entry = _read_entry(self._inputs[field.name])
         shown = {key: size for key, size in self._sizes.items() if key[0] == field.name}
-        sizes = {(field.name, size.name): size for size in list_sizes(entry)}
+        sizes = {(field.name, size.place_label): size for size in list_sizes(entry)}
         if not _are_sliders_current(shown, sizes):
             self._offer_sliders()
 
@@ -222,7 +222,7 @@ class DeclarationForm:
         for field in self._fields:
             if len(field.path) == 1:
                 entry = _read_entry(self._inputs[field.name])
-                sizes |= {(field.name, size.name): size for size in list_sizes(entry)}
+                sizes |= {(field.name, size.place_label): size for size in list_sizes(entry)}
         return dict(islice(sizes.items(), MOST_SLIDERS))
 
     def _add_input(self, field: FormField) -> None:

@@ -118,7 +118,7 @@ class SetForm:
         ui.label(texts.AXIS_HELP)
         self._axis = TargetAxis(self._follow_hand, self._design_soon)
         with ui.row().classes("items-center"):
-            ui.button(texts.ADD_TARGET, on_click=self._axis.add).props("no-caps")
+            ui.button(texts.ADD_TARGET, on_click=self._axis.add_above_highest).props("no-caps")
             self._state = ui.label().props("role=status").mark("design-state")
         self._problems = ui.column().mark("problems")
         stimuli = self._folder.list_names(Kind.STIMULI)

@@ -91,8 +91,8 @@ class Size:
     range: SizeRange
 
     @property
-    def name(self) -> str:
-        """What its slider is called behind the name of the field."""
+    def place_label(self) -> str:
+        """Its place in words, which follow the name of the field; empty for the entry itself."""
         return " ".join(str(part + 1) if isinstance(part, int) else part for part in self.place)
 
     def write(self, entry: str, value: float) -> str:
@@ -171,7 +171,7 @@ def add_slider(
         Return the entry as it is, and receive it as changed while the slider is moved.
     """
     given = size.range
-    name = f"{field} {size.name}".strip()
+    name = f"{field} {size.place_label}".strip()
     label = texts.SLIDE.format(field=name, unit=format_units(given.unit))
     ui.label(label)
 

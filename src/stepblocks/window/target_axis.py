@@ -204,23 +204,23 @@ class TargetAxis:
             """Take the target away, or move it by a step."""
             key = str(event.args)
             if key in _TAKE_AWAY:
-                self.take_away(number)
+                self.remove(number)
             elif key in _STEPS and number < len(self._energies):
                 factor = 10.0 ** (_STEPS[key] / _LEVEL)
                 self._set_energy(number, self._energies[number] * factor)
 
         return handle_key
 
-    def add(self) -> None:
-        """Add a target above the highest."""
+    def add_above_highest(self) -> None:
+        """Add a target above the highest one."""
         highest = max(self._energies, default=_MICROJOULE)
         self._energies = [*self._energies, highest * 10.0 ** (_NEXT / _LEVEL)]
         self._make_marks()
         self._place_marks()
         self._on_change(self.energies)
 
-    def take_away(self, number: int) -> None:
-        """Take a target away; the last one stays."""
+    def remove(self, number: int) -> None:
+        """Remove the target of a number, counted from 0; the only one stays."""
         if len(self._energies) < 2 or number >= len(self._energies):
             return
         self._energies = [*self._energies[:number], *self._energies[number + 1 :]]

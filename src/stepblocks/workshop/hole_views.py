@@ -157,8 +157,8 @@ class _HoleSection:
         return MILLIMETRES_PER_METRE * self.scale
 
     @property
-    def middle(self) -> Point:
-        """Where the texts on the left of the section begin, half way up."""
+    def text_start(self) -> Point:
+        """Where texts beside the section begin: left of it, half way up [mm]."""
         return self.x - self.half - 5.0, self.base + 0.5 * (self.top - self.base)
 
 
@@ -245,11 +245,11 @@ def _label_thread(sheet: Sheet, section: _HoleSection, mounting: Mounting) -> No
     """Write thread, depth and core hole beside the section."""
     tip_height = 0.4 * mounting.thread_depth * section.magnification
     tip = (section.x - section.entry, section.base + tip_height)
-    elbow_x, elbow_y = section.middle
+    elbow_x, elbow_y = section.text_start
     sheet.lead_to_characteristic(
         "thread",
         tip,
-        section.middle,
+        section.text_start,
         use_decimal_comma(f"{mounting.thread}-6H, thread {{}} deep"),
     )
     core = f"core {sheet.format_drill(mounting.hole_diameter)}"
@@ -264,6 +264,6 @@ def _label_counterbore(sheet: Sheet, section: _HoleSection) -> None:
     entry = sheet.format_drill(2.0 * section.entry / section.magnification)
     sheet.draw_leader(
         (section.x - section.drill, section.base + 3.0),
-        section.middle,
+        section.text_start,
         f"{hole} through, counterbored {entry}",
     )

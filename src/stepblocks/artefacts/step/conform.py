@@ -338,11 +338,14 @@ def _define_property(
 def quote_string(text: str) -> str:
     """Write text as a string of Part 21: ASCII, other characters by their numbers."""
     doubled = text.replace("\\", "\\\\").replace("'", "''")
-    return f"'{''.join(map(_encode_character, doubled))}'"
+    return f"'{''.join(map(_encode_unprintable, doubled))}'"
 
 
-def _encode_character(character: str) -> str:
-    """Write a character as Part 21 does: printable ASCII as it is, others by their number."""
+def _encode_unprintable(character: str) -> str:
+    """Write a character outside printable ASCII by its number, as Part 21 does; others stay.
+
+    Apostrophe and backslash, too, stay as they are: `quote_string` doubles them.
+    """
     if " " <= character <= "~":
         return character
     return f"\\X4\\{ord(character):08X}\\X0\\"

@@ -19,16 +19,16 @@ _UPPER = 2
 
 
 def write_gauge_assembly(path: Path, block: StepBlock, pair: GaugePair) -> None:
-    """Write base and gauge blocks as a STEP file of three parts.
+    """Write a STEP file of three parts, base and two gauge blocks, that replace a step block.
 
-    Edge and lower face lie as in the block in one piece.
+    Edge and lower face lie as in the block.
 
     Parameters
     ----------
     path : Path
         Where to write it.
     block : StepBlock
-        The block in one piece.
+        The block in one piece that they replace; it gives the height of the step.
     pair : GaugePair
         Gauge blocks whose difference is its height.
 

@@ -42,7 +42,7 @@ def measure_sympathetic_force(
     The ring has the frequency and the decay of the tangential force. `time` [s] and `normal` [N]
     have shape (n,).
     """
-    settled = max(after.start + _SETTLE, after.ring.origin)
+    settled = max(after.start + _SETTLE, after.ring.time_zero)
     begin = int(np.searchsorted(time, settled))
     still = _build_drift_and_hum_columns(time[begin:], approach.mains_frequency)
     since = time[begin:] - after.start

@@ -135,7 +135,7 @@ class Ring:
     decay_time : Estimate
         In which the amplitude falls to 1/e [s].
     level : Estimate
-        About which it rings at `origin` [N].
+        About which it rings at `time_zero` [N].
     basis : RingBasis
     fit : SeparableFit
         Shape and weights are those of `basis`.
@@ -151,24 +151,24 @@ class Ring:
     misfit: float
 
     @property
-    def origin(self) -> float:
-        """Instant that the fit counts from [s]."""
+    def time_zero(self) -> float:
+        """Instant from which the fit counts time [s]."""
         return self.basis.origin
 
     def compute_curve(self, time: Array) -> Array:
         """Return the whole fit [N] at the instants `time`."""
-        return self._model(time - self.origin, self.fit.shape)
+        return self._model(time - self.time_zero, self.fit.shape)
 
     def compute_curve_without_release(self, time: Array) -> Array:
         """Return the fit [N] at the instants `time` without the decay of the release."""
-        columns = self.basis.build_columns(time - self.origin, self.fit.shape)
+        columns = self.basis.build_columns(time - self.time_zero, self.fit.shape)
         weights = self.fit.weights.copy()
         weights[_RELEASE_WEIGHT] = 0.0
         return np.asarray(columns @ weights, dtype=float)
 
     def compute_curve_std(self, instant: float) -> float:
         """Return the standard uncertainty of `compute_curve` at one instant [N]."""
-        since = np.array([instant - self.origin])
+        since = np.array([instant - self.time_zero])
         shape = self.fit.shape
         steps = np.array([1e-3, 1e-6, 1e-6, 1e-4])[: shape.size]
         (slopes,) = compute_numeric_jacobian(partial(self._model, since), shape, steps)
@@ -179,7 +179,7 @@ class Ring:
     def compute_amplitude(self, instant: float) -> Estimate:
         """Return the amplitude of the ring, carried to an instant by its decay [N]."""
         cosine, sine = self.fit.weights[_RING_WEIGHTS]
-        since = instant - self.origin
+        since = instant - self.time_zero
         decay_time = self.decay_time.value
         growth = float(np.exp(-since / decay_time))
         size = float(np.hypot(cosine, sine))
@@ -247,7 +247,7 @@ def fit_ring(
 
 def _find_level_in_amplitudes(ring: Ring) -> float:
     """Return the level of a ring in units of its amplitude at the origin."""
-    return ring.level.value / ring.compute_amplitude(ring.origin).value
+    return ring.level.value / ring.compute_amplitude(ring.time_zero).value
 
 
 def _fit_damped(time: Array, force: Array, basis: RingBasis, noise: float, start: Array) -> Ring:

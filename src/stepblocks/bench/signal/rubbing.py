@@ -80,24 +80,25 @@ class RubbingRing:
     @property
     def forward_sliding_force(self) -> Estimate:
         """Level while the tip slips forward [N]."""
-        return self._estimate(_LEVEL)
+        return self._get_estimate(_LEVEL)
 
     @property
     def backward_force_drop(self) -> Estimate:
         """By how much the level is lower while the tip slips back [N]."""
-        return self._estimate(_GAP)
+        return self._get_estimate(_GAP)
 
     @property
     def frequency(self) -> Estimate:
         """Frequency of the tool [Hz]."""
-        return self._estimate(_FREQUENCY)
+        return self._get_estimate(_FREQUENCY)
 
     @property
     def decay_time(self) -> Estimate:
         """Decay time of the tool [s]."""
-        return self._estimate(_DECAY_TIME)
+        return self._get_estimate(_DECAY_TIME)
 
-    def _estimate(self, index: int) -> Estimate:
+    def _get_estimate(self, index: int) -> Estimate:
+        """Return one of `values` with its standard uncertainty."""
         return Estimate(float(self.values[index]), self.get_std(index))
 
     def get_std(self, index: int) -> float:

@@ -45,8 +45,8 @@ class CrossedEdges:
         return self.first.row.spacing
 
     @property
-    def is_sloped(self) -> bool:
-        """Whether most profiles show a flank that slopes instead of an arc."""
+    def shows_mostly_flanks(self) -> bool:
+        """Whether more than half of the profiles show a sloping flank in place of an arc."""
         return 2 * len(self.all_flanks) > len(self.crossings)
 
     @property

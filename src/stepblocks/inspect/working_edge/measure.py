@@ -197,7 +197,7 @@ def _measure_along_rows(
         values=values | faces.values | relief.values,
         convention=_describe_convention(crossed),
         notes=tuple(notes),
-        shown=_build_shown(first, crossed.is_sloped),
+        shown=_build_shown(first, crossed.shows_mostly_flanks),
         arc=surface is None,
         missing=missing,
         covered=faces.covered,
@@ -493,13 +493,16 @@ def _describe_convention(crossed: CrossedEdges) -> str:
         f"two planes with a common slope, {exclusion * 1e6:.4g} um excluded on either side "
         "of the edge; radius by arc"
     )
-    if crossed.is_sloped:
+    if crossed.shows_mostly_flanks:
         convention += " of the corner beside its flank"
     return convention
 
 
-def _build_shown(crossing: CrossedEdge, is_sloped: bool) -> Shown:
-    """Return what a plot shows of a profile: faces, ideal edge and spikes."""
+def _build_shown(crossing: CrossedEdge, shows_mostly_flanks: bool) -> Shown:
+    """Return what a plot shows of a profile: faces, ideal edge and spikes.
+
+    The ideal edge has the fitted radius, but a sharp corner where profiles show mostly flanks.
+    """
     row = crossing.row
     edge = crossing.edge
     x = row.position
@@ -510,7 +513,7 @@ def _build_shown(crossing: CrossedEdge, is_sloped: bool) -> Shown:
     if edge.rising:
         lower = x < before
     corner = 0.0
-    if not is_sloped:
+    if not shows_mostly_flanks:
         corner = max(edge.radius.value, 0.0)
     fitted = compute_edge_profile(
         edge.sign * x, edge.sign * edge.position, edge.height.value, corner

@@ -93,18 +93,18 @@ def average_radius(
 
 def _list_corners(crossed: CrossedEdges) -> list[Estimate]:
     """Return the radii of the profiles that show what most of them do, an arc or a flank."""
-    is_sloped = crossed.is_sloped
+    shows_mostly_flanks = crossed.shows_mostly_flanks
     corners = []
     for edge in crossed.edges:
         has_flank = edge.flank is not None
-        if has_flank == is_sloped:
+        if has_flank == shows_mostly_flanks:
             corners.append(edge.radius)
     return corners
 
 
 def _is_sharp(crossed: CrossedEdges, corners: list[Estimate]) -> bool:
     """Tell whether the edge is sharper than the sampling resolves."""
-    return average_values(corners) < RESOLVED * crossed.spacing and not crossed.is_sloped
+    return average_values(corners) < RESOLVED * crossed.spacing and not crossed.shows_mostly_flanks
 
 
 def _make_sampling_component(crossed: CrossedEdges, single: float) -> Component:
@@ -141,7 +141,7 @@ def _may_be_cone(crossed: CrossedEdges, seen: float) -> bool:
     It may where too few points lie on the riser.
     """
     highest = min(_COARSE * crossed.spacing, seen / NO_RISER)
-    return not crossed.is_sloped and crossed.first.edge.height.value < highest
+    return not crossed.shows_mostly_flanks and crossed.first.edge.height.value < highest
 
 
 def _estimate_arc_form(crossed: CrossedEdges) -> float:

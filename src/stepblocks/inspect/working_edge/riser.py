@@ -47,7 +47,7 @@ def measure_riser(
     Riser
         Without values where the riser is upright, or the stylus may show it so.
     """
-    if not crossed.is_sloped:
+    if not crossed.shows_mostly_flanks:
         return _make_unmeasured_riser(NotMeasuredReason.UPRIGHT_RISER.describe())
     flanks = crossed.all_flanks
     angles = [flank.angle for flank in flanks]

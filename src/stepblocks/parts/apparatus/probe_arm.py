@@ -102,12 +102,15 @@ def list_carriage_components(low: float) -> Iterator[Component]:
 _HOOK_SCREWS = (-10.0, 10.0)  # y of the screws of the hook into the carriage
 
 
-def _make_hook(low: float) -> Component:
-    """Make the hook, at whose eye the cord pulls at the height of the tip."""
-    flange = make_box((-17.0, -14.0, low + 2.0), (-13.0, 14.0, low + 10.0))
-    beam = make_box((-13.0, -4.0, low + 2.0), (29.0, 4.0, low + 10.0))
-    post = make_box((21.0, -4.0, -4.0), (29.0, 4.0, low + 2.0))
-    hole = make_bore("x", (-17.0, 0.0, low + 6.0), 3.4, 4.0)
+def _make_hook(carriage_low: float) -> Component:
+    """Make the hook, at whose eye the cord pulls at the height of the tip.
+
+    `carriage_low` is the height of the lower face of the carriage over the tip [mm].
+    """
+    flange = make_box((-17.0, -14.0, carriage_low + 2.0), (-13.0, 14.0, carriage_low + 10.0))
+    beam = make_box((-13.0, -4.0, carriage_low + 2.0), (29.0, 4.0, carriage_low + 10.0))
+    post = make_box((21.0, -4.0, -4.0), (29.0, 4.0, carriage_low + 2.0))
+    hole = make_bore("x", (-17.0, 0.0, carriage_low + 6.0), 3.4, 4.0)
     bores = repeat_bore(hole, "y", _HOOK_SCREWS)
     bores.append(make_bore("x", (21.0, 0.0, 0.0), 1.5, 8.0))
     return Component(

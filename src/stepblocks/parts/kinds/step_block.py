@@ -443,7 +443,7 @@ class StepBlock(Block):
                 extent = (end, body.width.nominal - 2.0 * chamfer)
             yield replace(form, extent=extent)
         if self.metrology is not None:
-            yield from self._list_feature_characteristics(self.metrology, lower, upper)
+            yield from self._list_groove_or_ridge_characteristics(self.metrology, lower, upper)
         if self.relief is not None:
             yield from self.relief.make_characteristics(lower)
         wall = None
@@ -455,10 +455,10 @@ class StepBlock(Block):
         yield from self.list_body_characteristics(lower, upper, wall)
         yield from make_edge_characteristics(demands["burr"], wall, lower)
 
-    def _list_feature_characteristics(
+    def _list_groove_or_ridge_characteristics(
         self, feature: MetrologyFeature, lower: FaceRule, upper: FaceRule
     ) -> Iterator[Characteristic]:
-        """List depth, width, length and place of groove or ridge."""
+        """Yield depth, width and length of groove or ridge, and its distance from a small arc."""
         height = self.height.nominal
         back = self.body.half_width
         lane = back - 0.5 * feature.lane.nominal  # its middle along y

@@ -398,12 +398,13 @@ def _guess_start(log_levels: Array, counts: _Counts) -> _Start:
     return _Start(-intercept / slope, math.log(1.0 / slope))
 
 
-def _fit_probit(log_levels: Array, hits: Array, totals: Array) -> Any:
-    """Return intercept and slope of a probit regression."""
+def _fit_probit(log_levels: Array, hits: Array, totals: Array) -> Array:
+    """Return intercept and slope of a probit regression, shape (2,)."""
     import statsmodels.api as sm
 
     link = sm.families.Binomial(sm.families.links.Probit())
     answers = np.column_stack([hits, totals - hits])
     model = sm.GLM(answers, sm.add_constant(log_levels), family=link)
     with warnings.catch_warnings(action="ignore"):  # separation is reported by the caller
-        return model.fit(tol=1e-12, maxiter=200).params
+        coefficients: Array = model.fit(tol=1e-12, maxiter=200).params
+    return coefficients

@@ -131,7 +131,7 @@ def list_rows(analysis: Analysis, findings: Sequence[Finding]) -> Rows:
             yield replace(row, measure=measure.name)
     for log_error in analysis.log_errors:
         yield from _list_log_error(log_error)
-    yield from _list_ratings(analysis)
+    yield from _list_rating_tests(analysis)
     for setting in analysis.comparisons:
         yield from _list_psychometric_functions(setting)
     yield from _list_contrasts(analysis)
@@ -374,8 +374,8 @@ def _list_log_error(error: LogError) -> Rows:
         )
 
 
-def _list_ratings(analysis: Analysis) -> Rows:
-    """Yield the tests of ratings, and their odds."""
+def _list_rating_tests(analysis: Analysis) -> Rows:
+    """Yield, for each rating, its test over participants and the odds of its effects."""
     for name, fit in analysis.ordinal.items():
         test = fit.participants
         yield ResultRow(
