@@ -116,7 +116,9 @@ def test_a_margin_gives_opening_rise_and_their_hypotenuse(rise, missing):
     for result in results:
         assert result.opening.value == pytest.approx(80.25e-6, abs=0.6e-6)
         assert result.rise.value == pytest.approx(rise, abs=5.0 * result.rise.std)
-        assert result.absolute.value == pytest.approx(np.hypot(80.25e-6, rise), abs=0.6e-6)
+        assert result.absolute_discrepancy.value == pytest.approx(
+            np.hypot(80.25e-6, rise), abs=0.6e-6
+        )
     assert abs(np.mean([result.rise.value - rise for result in results])) < 20e-9
 
 

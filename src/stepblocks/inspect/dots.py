@@ -131,7 +131,9 @@ def measure_dots(
     is_cut = _find_cut_dots(dots)
     is_measured = _find_measured_dots(dots, known)
     kept = np.flatnonzero(depths.have_level_floor & ~is_cut & is_measured)
-    counted = NoteKind.DOTS_KEPT.describe(kept=len(kept), total=len(dots.numbers), cut=is_cut.sum())
+    counted = NoteKind.DOTS_KEPT.make_note(
+        kept=len(kept), total=len(dots.numbers), cut=is_cut.sum()
+    )
     if 2 * len(kept) <= np.sum(~is_cut):
         raise MetrologyError(f"most dots and craters must have a level floor, got: {counted}")
     kept = _select_asked_dots(kept, options.edges)

@@ -88,7 +88,7 @@ def note_other_parts_of_size(
     kind = NoteKind.PART_LIKELY_WRONG
     if size.lower <= value - size.nominal <= size.upper:
         kind = NoteKind.PART_IN_DOUBT
-    return [kind.describe(label=size.label, value=value * 1e6, twins=", ".join(twins))]
+    return [kind.make_note(label=size.label, value=value * 1e6, twins=", ".join(twins))]
 
 
 def _find_power_of_1000(size: Characteristic, value: float) -> int:

@@ -206,15 +206,15 @@ class _Faces:
     wavy: WavyFaces | None  # where waviness outweighs the noise
 
     @property
-    def roughness(self) -> float:
-        """Standard deviation of the noise at the edge [m]."""
+    def noise_std(self) -> float:
+        """Standard deviation of the noise about the faces at the edge [m]."""
         return float(np.sqrt(self.gamma[0]))
 
-    def level(self, x: Array, z: Array) -> Array:
-        """Return heights over the lower face as it ends at the edge, or the step over it [m]."""
+    def subtract_lower_face(self, x: Array, z: Array) -> Array:
+        """Return heights over the lower face; those of the upper face are about the step [m]."""
         level = z - self.planes.offset - self.planes.tilt * x
         if self.wavy is not None:
-            return level - self.wavy.evaluate(x)
+            return level - self.wavy.compute_heights(x)
         return level
 
     def compute_covariance_root(self, x: Array) -> Array:
@@ -269,7 +269,7 @@ def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> 
     near = known & (np.abs(x - edge.middle) < faces.exclusion)
     spikes = near & _find_edge_spikes(edge, faces)
     planes = faces.planes
-    levelled = faces.level(x, z)
+    levelled = faces.subtract_lower_face(x, z)
     corner = _fit_corner(x, levelled, edge.spacing, faces, np.flatnonzero(near & ~spikes))
     _refuse_many_spikes(faces, spikes, near)
     shape = corner.arc if corner.flank is None else corner.flank
@@ -401,11 +401,11 @@ def _fit_faces(edge: _IsolatedEdge, exclusion: float) -> _Faces:
 def _refuse_step_within_noise(faces: _Faces, points: int) -> None:
     """Refuse a step that is not well above its noise."""
     height = faces.planes.height
-    noise = max(height.std, faces.roughness / np.sqrt(points))
+    noise = max(height.std, faces.noise_std / np.sqrt(points))
     if not height.value > _LEAST_STEP * noise:
         raise MetrologyError(
             f"profile must show a step above its noise, got {height.value * 1e6:.4g} um with "
-            f"roughness {faces.roughness * 1e6:.3g} um"
+            f"roughness {faces.noise_std * 1e6:.3g} um"
         )
 
 
@@ -432,7 +432,7 @@ def _find_edge_spikes(edge: _IsolatedEdge, faces: _Faces) -> Mask:
     """
     known = np.isfinite(edge.z)
     heights = edge.z[known] - faces.planes.tilt * edge.x[known]
-    limit = _SPIKE * max(faces.roughness, LEAST_SCATTER)
+    limit = _SPIKE * max(faces.noise_std, LEAST_SCATTER)
     padded = np.pad(heights, 2, mode="reflect")
     beside = np.stack([padded[shift : shift + len(heights)] for shift in (0, 1, 3, 4)])
     is_above = heights > beside.max(axis=0) + limit
@@ -511,10 +511,10 @@ def _find_rounding_width(edge: _IsolatedEdge, faces: _Faces) -> float:
     """
     x = edge.x
     is_upper = x > faces.middle
-    off_face = faces.level(x, edge.z) - np.where(is_upper, faces.step_height, 0.0)
+    off_face = faces.subtract_lower_face(x, edge.z) - np.where(is_upper, faces.step_height, 0.0)
     filled = np.where(np.isfinite(edge.z), off_face, 0.0)
     deviation = np.abs(filter_by_running_median(filled))
-    off = deviation > max(_OFF_FACE * faces.roughness, _OFF_FACE_HEIGHT * faces.step_height)
+    off = deviation > max(_OFF_FACE * faces.noise_std, _OFF_FACE_HEIGHT * faces.step_height)
     distance = np.abs(x - faces.middle)
     # points as far on either side are ordered by their place, not by the last bit of their distance
     by_distance = np.argsort(np.rint(4.0 * distance / edge.spacing), kind="stable")

@@ -29,11 +29,13 @@ class WavyFaces:
     # lower face and of the upper one at the edge
     errors: Array
 
-    def evaluate(self, x: Array) -> Array:
-        """Return heights of the faces at positions, over the planes [m]."""
+    def compute_heights(self, x: Array) -> Array:
+        """Return how high the wavy faces lie over the two planes at positions [m]."""
         distance = x - self.middle
         is_upper = distance > 0.0
-        return np.where(is_upper, self.upper.evaluate(distance), self.lower.evaluate(distance))
+        return np.where(
+            is_upper, self.upper.compute_heights(distance), self.lower.compute_heights(distance)
+        )
 
     def compute_covariance_root(self, x: Array) -> Array:
         """Return rows whose products add up to the covariance of the levels, shape (4, n) [m]."""
@@ -111,7 +113,7 @@ def _estimate_continuation_errors(distance: Array, height: Array, gap: float) ->
         if in_gap.sum() < _LEAST_IN_GAP or behind.sum() < _LEAST_IN_GAP:
             continue
         line = continue_face(beyond[behind], height[behind])
-        off = height[in_gap] - line.evaluate(beyond[in_gap])
+        off = height[in_gap] - line.compute_heights(beyond[in_gap])
         slope, level = np.polyfit(beyond[in_gap], off, 1)
         misses.append((level, slope))
     if len(misses) < _LEAST_PLACES:

@@ -237,11 +237,13 @@ def suggest_other_evaluation(
         if feature.key == key:
             continue
 
-        def measure(shown: ScannedProfile | HeightMap, other: str = feature.key) -> Evaluation:
+        def evaluate_as_other(
+            shown: ScannedProfile | HeightMap, other: str = feature.key
+        ) -> Evaluation:
             """Evaluate a scan as another feature."""
             return EVALUATIONS[other].measure(shown, instrument, asked, options)
 
-        if evaluate_if_possible(measure, scan) is not None:
+        if evaluate_if_possible(evaluate_as_other, scan) is not None:
             return f"; --feature {feature.value} measures it"
     if isinstance(scan, ScannedProfile):
         return ""

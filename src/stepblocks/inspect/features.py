@@ -137,7 +137,7 @@ def fit_features(
     fit = fits[chosen]
     features = []
     for number, span in enumerate(_pair_edges(edges), start=1):
-        height = fit.estimate(chosen + number)
+        height = fit.estimate_term(chosen + number)
         features.append(Feature(span.begin, span.end, span.unseen, span.flanks, height))
     together = _estimate_correlation_length(fit)
     positions = fit.design[1]
@@ -161,7 +161,7 @@ def _find_last_significant_degree(fits: dict[int, Fit]) -> int:
     for degree, fit in fits.items():
         if degree == lowest:
             continue
-        last = fit.estimate(degree)
+        last = fit.estimate_term(degree)
         if abs(last.value) > _SIGNIFICANT * last.std:
             chosen = max(chosen, degree)
     return chosen

@@ -34,8 +34,8 @@ class FaceLine:
     level: float  # m
     slope: float  # 1
 
-    def evaluate(self, distance: Array) -> Array:
-        """Return its heights [m] at distances from where it was continued to [m]."""
+    def compute_heights(self, distance: Array) -> Array:
+        """Return its heights [m] at distances [m] from the place where `level` is its height."""
         return np.asarray(self.level + self.slope * distance)
 
 

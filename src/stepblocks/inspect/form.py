@@ -186,18 +186,18 @@ class _Axis:
         return 0.5 * (self.begin + self.end)
 
     @property
-    def half(self) -> float:
-        """Half of its length [m]."""
+    def half_length(self) -> float:
+        """Half of the length of the side [m]."""
         return 0.5 * (self.end - self.begin)
 
     @property
-    def degree(self) -> int:
-        """Degree of a polynomial that its points carry."""
+    def highest_degree(self) -> int:
+        """Highest degree of a polynomial that has points enough along the side."""
         return min(_MOST_DEGREE, max(self.count // _POINTS_PER_DEGREE, 1))
 
     def compute_scaled_positions(self) -> Array:
         """Return all positions, -1 to 1 over the face [1]."""
-        return (self.positions - self.middle) / self.half
+        return (self.positions - self.middle) / self.half_length
 
     def find_first_at_or_after(self, places: Array) -> NDArray[np.intp]:
         """Return the indices of the first positions at or after places [m]."""
@@ -212,8 +212,8 @@ class _Powers:
     y: int
 
     @property
-    def total(self) -> int:
-        """Total degree."""
+    def total_degree(self) -> int:
+        """Sum of both degrees."""
         return self.x + self.y
 
 
@@ -248,7 +248,7 @@ def fit_face(x: Array, y: Array, height: Array, face: Mask) -> FaceForm:
         )
     along_x = _Axis(x, x[columns[0]], x[columns[-1]], len(columns))
     along_y = _Axis(y, y[rows[0]], y[rows[-1]], len(rows))
-    powers = _list_powers(along_x.degree, along_y.degree)
+    powers = _list_powers(along_x.highest_degree, along_y.highest_degree)
     design = _evaluate_legendre_terms(
         along_x.compute_scaled_positions()[np.newaxis, :],
         along_y.compute_scaled_positions()[:, np.newaxis],
@@ -268,7 +268,7 @@ def fit_face(x: Array, y: Array, height: Array, face: Mask) -> FaceForm:
     # not by eigenvectors, whose signs hang on the last bit: the draws would
     root = np.linalg.cholesky(fit.weights @ fit.weights.T).T * (mean.std * np.sqrt(count))
     mesh_x, mesh_y = np.meshgrid(x, y)
-    degree = max(term.total for term in powers)
+    degree = max(term.total_degree for term in powers)
     form = FaceForm(
         points=np.stack([mesh_x[used], mesh_y[used], height[used]], axis=1),
         grid=np.empty((0, 2)),
@@ -297,7 +297,7 @@ def _sample_on_grid(
     grid_x, grid_y = np.meshgrid(side, side)
     scaled = np.column_stack([grid_x.ravel(), grid_y.ravel()])
     middles = np.array([along_x.middle, along_y.middle])
-    grid = middles + np.array([along_x.half, along_y.half]) * scaled
+    grid = middles + np.array([along_x.half_length, along_y.half_length]) * scaled
     # of a face that does not fill its rectangle, as in a turned map, only where it lies
     inside = face[
         along_y.find_first_at_or_after(grid[:, 1]), along_x.find_first_at_or_after(grid[:, 0])

@@ -199,8 +199,8 @@ def _compute_window_differences(z: Array, known: Mask, reach: int) -> Array:
     """
     places = np.arange(1, len(z))
     sums = _RunningSums(z, known)
-    before = sums.average(places - reach // 2 - reach, reach)
-    behind = sums.average(places + reach // 2, reach)
+    before = sums.average_windows(places - reach // 2 - reach, reach)
+    behind = sums.average_windows(places + reach // 2, reach)
     is_known = np.minimum(before.counts, behind.counts) >= _LEAST_KNOWN * reach
     differences = np.where(is_known, behind.means - before.means, np.nan)
     if not is_known.any():
@@ -241,8 +241,8 @@ class _RunningSums:
         self._count = np.concatenate([[0.0], np.cumsum(known.astype(float))])
         self._total = np.concatenate([[0.0], np.cumsum(filled)])
 
-    def average(self, begins: NDArray[np.intp], reach: int) -> _WindowMeans:
-        """Return the means of windows of `reach` points; they end where the profile does."""
+    def average_windows(self, begins: NDArray[np.intp], reach: int) -> _WindowMeans:
+        """Return the means of windows of `reach` points, cut off where the profile ends."""
         points = len(self._count) - 1
         first = np.clip(begins, 0, points).astype(int)
         last = np.clip(begins + reach, 0, points).astype(int)

@@ -161,7 +161,7 @@ def _measure_by_rows(scan: ScannedProfile | HeightMap, asked: _Asked) -> Evaluat
             crossing_others += 1
     if crossing_others:
         notes.append(
-            NoteKind.OTHER_FEATURES_CROSSED.describe(
+            NoteKind.OTHER_FEATURES_CROSSED.make_note(
                 crossing=crossing_others,
                 total=len(measurements.results),
                 evaluated=kind.features,
@@ -422,7 +422,7 @@ def _note_spikes(profiles: list[MeasuredProfile], notes: list[Note]) -> None:
     left_out = sum(profile.rejected for profile in profiles)
     if left_out:
         points = sum(profile.points for profile in profiles)
-        notes.append(NoteKind.SPIKES_LEFT_OUT.describe(left_out=left_out, points=points))
+        notes.append(NoteKind.SPIKES_LEFT_OUT.make_note(left_out=left_out, points=points))
 
 
 def _describe_convention(kind: ProfileKind) -> str:

@@ -51,8 +51,8 @@ class DeclaredLayout:
     needs_neighbours: bool = False
     may_be_alone: bool = True
 
-    def invert(self) -> "DeclaredLayout":
-        """Return the layout as a scan shows it whose heights are upside down."""
+    def turn_upside_down(self) -> "DeclaredLayout":
+        """Return the layout that a scan with heights upside down shows; without a relief."""
         walls = tuple(Wall(-wall.place, wall.rise) for wall in self.walls)
         return replace(self, walls=walls, relief=None)
 

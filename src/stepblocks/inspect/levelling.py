@@ -65,8 +65,8 @@ class Fit:
     used: Mask  # shape (n,); points that took part
     rejected: int  # points left out as spikes
 
-    def estimate(self, index: int, factor: float = 1.0) -> Estimate:
-        """Return one term of the solution, times a factor, with its uncertainty."""
+    def estimate_term(self, index: int, factor: float = 1.0) -> Estimate:
+        """Return the term of an index of the solution, times a factor, with its uncertainty."""
         return estimate_linear(
             factor * float(self.solution[index]),
             factor * self.weights[index],
@@ -127,7 +127,7 @@ def fit_two_planes(x: Array, z: Array, middle: float, used: Mask) -> TwoPlanes:
     scale = float(max(abs(x[0] - middle), abs(x[-1] - middle)))
     design = np.stack([(x - middle) / scale, np.ones_like(x), (x > middle).astype(float)])
     fit = fit_without_spikes(design, z, used)
-    height = fit.estimate(2)
+    height = fit.estimate_term(2)
     tilt = float(fit.solution[0]) / scale
     offset = float(fit.solution[1]) - tilt * middle
     # of the slope per metre, where the design counts positions from -1 to 1

@@ -121,7 +121,7 @@ class _InspectedScan:
     result: InspectionResult
 
     @property
-    def block(self) -> str:
+    def block_serial(self) -> str:
         """Serial number of the block."""
         return str(self.line[BLOCK])
 
@@ -163,7 +163,7 @@ class _InspectedScans:
 
     def find_results(self, block: str) -> list[InspectionResult]:
         """Return the results of a block."""
-        return [scan.result for scan in self.scans if scan.block == block]
+        return [scan.result for scan in self.scans if scan.block_serial == block]
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ class Margin:
     rise: Estimate  # height of the right shoulder over the left [m]
 
     @property
-    def absolute(self) -> Estimate:
+    def absolute_discrepancy(self) -> Estimate:
         """Absolute marginal discrepancy, the hypotenuse [m].
 
         The degrees of freedom are those of the rise, which carries them.

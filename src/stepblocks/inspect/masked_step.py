@@ -94,13 +94,13 @@ class _RowDepths:
     points: Array  # of a floor; 0 there
 
     @property
-    def known(self) -> Mask:
-        """Rows that have a depth."""
+    def has_depth(self) -> Mask:
+        """Which rows have a depth, shape (ny,)."""
         return np.isfinite(self.depths)
 
     @property
-    def shares(self) -> Array:
-        """Share of each row in the depth of the map [1]."""
+    def weights(self) -> Array:
+        """Weight of each row in the mean depth of the map, of sum 1 [1]."""
         return np.asarray(self.points / self.points.sum())
 
 
@@ -140,7 +140,7 @@ def measure_masked_step(
     floor = (distances.within > exclusion) & measured
     levelled = _level_on_reference(z, (distances.outside > exclusion) & measured, scan.source)
     rows = _fit_row_depths(levelled.heights, floor, levelled.reference)
-    known = rows.known
+    known = rows.has_depth
     if known.sum() < _LEAST_ROWS:
         raise MetrologyError(
             f"map must keep at least {_LEAST_ROWS} rows with floor and reference beyond "
@@ -153,7 +153,7 @@ def measure_masked_step(
             "from their edges, where they are level, got "
             f"{floor.sum() / features_measured:.1%} [{scan.source}]"
         )
-    depth = float(np.sum(rows.shares[known] * rows.depths[known]))
+    depth = float(np.sum(rows.weights[known] * rows.depths[known]))
     near = max(_CLEAR * pitch, _SUDDEN_WIDTH * float(distances.within.max()))
     change = _measure_change_at_edges(levelled.heights, measured, distances, near, pitch)
     _refuse_gradual_change(change, depth, near, scan.source)
@@ -164,7 +164,7 @@ def measure_masked_step(
     scatter_of_means = float(np.std(means[numbers]))
     features = int(np.unique(numbers).size)
     return MaskedStep(
-        depth=_estimate_by_bands(rows.depths, rows.shares, depth, known),
+        depth=_estimate_by_bands(rows.depths, rows.weights, depth, known),
         differ=scatter_of_means,
         exclusion=exclusion,
         rows=int(known.sum()),
@@ -383,9 +383,9 @@ def measure_masked(
     )
     name = key.replace("_", " ")
     value = add_instrument_components(name, abs(step.depth.value), [noise], instrument, [form])
-    note = NoteKind.SINGLE_FEATURE.describe()
+    note = NoteKind.SINGLE_FEATURE.make_note()
     if step.features > 1:
-        note = NoteKind.FEATURES_DIFFER.describe(differ=step.differ * 1e9)
+        note = NoteKind.FEATURES_DIFFER.make_note(differ=step.differ * 1e9)
     return Evaluation(
         values={key: value},
         convention=f"masked step over {step.features} features and {step.rows} rows: each row "

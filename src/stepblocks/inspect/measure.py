@@ -85,8 +85,8 @@ def _list_discrepancies(margins: list[Margin]) -> dict[str, _Discrepancy]:
     for margin in margins:
         openings.append(margin.opening)
         rises.append(margin.rise)
-        absolutes.append(margin.absolute)
-        shares.append(margin.opening.value / margin.absolute.value)
+        absolutes.append(margin.absolute_discrepancy)
+        shares.append(margin.opening.value / margin.absolute_discrepancy.value)
     share = float(np.mean(shares))
     of_both_scales = ScalePowers(vertical=1.0 - share**2, lateral=share**2)
     return {
@@ -135,17 +135,17 @@ def measure_tip(
     radius = cap.radius
     if options.stylus_radius:
         radius = replace(radius, value=radius.value - options.stylus_radius)
-        notes.append(NoteKind.STYLUS_TAKEN_OFF_BALL.describe(radius=options.stylus_radius * 1e6))
+        notes.append(NoteKind.STYLUS_TAKEN_OFF_BALL.make_note(radius=options.stylus_radius * 1e6))
     measured = average_profiles("ball radius", [radius], instrument, [form], _CAP_POWERS)
     if options.stylus_radius is None:
         # a stylus of any radius makes the ball look larger by it
         measured = replace(measured, bound=Bound.AT_MOST)
     angle = np.degrees(cap.cap_angle)
-    notes.append(NoteKind.FORM_OF_BALL.describe(form=cap.form * 1e6, angle=angle))
+    notes.append(NoteKind.FORM_OF_BALL.make_note(form=cap.form * 1e6, angle=angle))
     if cap.rejected:
-        notes.append(NoteKind.SPIKES_LEFT_OUT.describe(left_out=cap.rejected, points=cap.points))
+        notes.append(NoteKind.SPIKES_LEFT_OUT.make_note(left_out=cap.rejected, points=cap.points))
     if measured.bound is Bound.AT_MOST:
-        notes.append(NoteKind.STYLUS_OF_BALL_UNKNOWN.describe())
+        notes.append(NoteKind.STYLUS_OF_BALL_UNKNOWN.make_note())
     lowest = float(np.nanmin(cap.drawn.height))
     return Evaluation(
         values={"ball_radius": measured},

@@ -219,12 +219,12 @@ def estimate_linear(
     tapered = correlation * noise.gamma * noise.taper
     variance = max(float(np.sum(tapered)), _LEAST_OF_WHITE * white)
     lifted = _lift_autocovariance(noise, len(design) / count)
-    spectrum = np.maximum(grid.transform(lifted * noise.taper).real, 0.0)
+    spectrum = np.maximum(grid.compute_spectrum(lifted * noise.taper).real, 0.0)
     pairs = noise.pairs
     quadratic = np.where(pairs > 0.0, correlation * noise.taper / np.maximum(pairs, 1.0), 0.0)
-    form = grid.transform(quadratic).real
+    form = grid.compute_spectrum(quadratic).real
     traces = _compute_traces(grid, spectrum, form, pairs, inside, design)
-    true_variance = float(np.sum(correlation * grid.transform_back(spectrum)))
+    true_variance = float(np.sum(correlation * grid.invert_spectrum(spectrum)))
     restored = _compute_restoring_factor(true_variance, traces.after_fit)
     dof = _compute_dof(grid, form * spectrum, count, traces)
     return Estimate(value, float(np.sqrt(variance * restored)), dof)
@@ -253,10 +253,10 @@ def _compute_dof(grid: "_LagGrid", product: Array, count: float, traces: "_Trace
 
     `product` is that of the spectra of the noise and of the quadratic form.
     """
-    squares = grid.average(product**2)
+    squares = grid.average_spectrum(product**2)
     dof = float("inf")
     if squares > 0.0:
-        dof = count * grid.average(product) ** 2 / squares
+        dof = count * grid.average_spectrum(product) ** 2 / squares
     left = _LEAST_SEEN
     if traces.before_fit > 0.0:
         left = max(traces.after_fit / traces.before_fit, _LEAST_SEEN)
@@ -307,21 +307,21 @@ class _LagGrid:
         self._shape = tuple(fft.next_fast_len(2 * size, real=True) for size in shape)
         self._axes = tuple(range(-len(shape), 0))
 
-    def transform(self, values: Array) -> NDArray[np.complex128]:
-        """Return the spectrum of values."""
+    def compute_spectrum(self, values: Array) -> NDArray[np.complex128]:
+        """Return the spectrum of values over the padded grid."""
         return np.asarray(fft.rfftn(values, self._shape, self._axes))
 
-    def transform_back(self, spectrum: Array | NDArray[np.complex128]) -> Array:
+    def invert_spectrum(self, spectrum: Array | NDArray[np.complex128]) -> Array:
         """Return the values of a spectrum, over the padded grid."""
         return np.asarray(fft.irfftn(spectrum, self._shape, self._axes))
 
     def autocorrelate(self, values: Array) -> Array:
         """Return the sum of products of values by their lag."""
-        return self.transform_back(np.abs(self.transform(values)) ** 2)
+        return self.invert_spectrum(np.abs(self.compute_spectrum(values)) ** 2)
 
-    def average(self, spectrum: Array) -> float:
+    def average_spectrum(self, spectrum: Array) -> float:
         """Return the mean over frequencies, which is the value at lag zero."""
-        return float(self.transform_back(spectrum).flat[0])
+        return float(self.invert_spectrum(spectrum).flat[0])
 
 
 @dataclass(frozen=True)
@@ -362,9 +362,9 @@ def _compute_traces(
     `inside` is 1 at points that were used, else 0. The projection has few columns, so no large
     matrix is ever formed.
     """
-    trace = float(np.sum(grid.transform_back(form) * pairs * grid.transform_back(spectrum)))
+    trace = float(np.sum(grid.invert_spectrum(form) * pairs * grid.invert_spectrum(spectrum)))
     columns = design * inside
-    turned = grid.transform(columns)
+    turned = grid.compute_spectrum(columns)
     by_noise = _convolve_columns(grid, spectrum * turned, inside)
     by_form = _convolve_columns(grid, form * turned, inside)
     columns = columns.reshape(len(design), -1)
@@ -386,7 +386,7 @@ def _convolve_columns(grid: _LagGrid, product: NDArray[np.complex128], inside: A
 
     `product` is that of both spectra; what the padding added is cut off.
     """
-    convolved = grid.transform_back(product)
+    convolved = grid.invert_spectrum(product)
     without_padding = convolved[:, *map(slice, inside.shape)]
     return np.asarray((without_padding * inside).reshape(len(product), -1))
 

@@ -107,7 +107,7 @@ class NoteKind(Enum):
         "(ISO 16610-61) with a cut-off of {cutoff:.3g} mm passes"
     )
 
-    def describe(self, **values: object) -> "Note":
+    def make_note(self, **values: object) -> "Note":
         """Return the note of this kind with these values in its message."""
         return Note(self, self.value.format(**values))
 

@@ -49,14 +49,14 @@ def sample_profiles(
     rows = list_profiles(scan)
     if len(rows) > _MOST_PROFILES:
         chosen = np.unique(np.linspace(0, len(rows) - 1, _MOST_PROFILES).round().astype(int))
-        notes.append(NoteKind.PROFILES_SAMPLED.describe(evaluated=len(chosen), total=len(rows)))
+        notes.append(NoteKind.PROFILES_SAMPLED.make_note(evaluated=len(chosen), total=len(rows)))
         rows = [rows[index] for index in chosen]
     rows = _crop_profiles(rows, options)
     steps = np.diff(rows[0].position)
     if np.ptp(steps) > _UNEVEN * steps.mean():
         step = float(np.median(steps))
         rows = _resample_profiles(rows, step)
-        notes.append(NoteKind.RESAMPLED.describe(step=step * 1e6))
+        notes.append(NoteKind.RESAMPLED.make_note(step=step * 1e6))
     return SampledProfiles(rows, notes)
 
 
@@ -104,7 +104,7 @@ class Crossings:
     slack: Array  # by how much a place may always differ from the usual one
 
     @property
-    def alike(self) -> Mask:
+    def is_like_others(self) -> Mask:
         """Which profiles cross the features as the others do, shape (profiles,).
 
         Features must lie where the others have them, a slant over the map allowed, and be as high.
@@ -170,7 +170,7 @@ def _select_alike(
     """Return the profiles that cross the same; of two all, since neither is the usual one."""
     if len(evaluated) <= 2:
         return evaluated
-    return list(compress(evaluated, crossings.alike))
+    return list(compress(evaluated, crossings.is_like_others))
 
 
 def _note_left_out(
@@ -185,11 +185,11 @@ def _note_left_out(
     notes = []
     if refused > 0:
         notes.append(
-            NoteKind.PROFILES_REFUSED.describe(refused=refused, between=between, reason=reason)
+            NoteKind.PROFILES_REFUSED.make_note(refused=refused, between=between, reason=reason)
         )
     if beyond > 0:
         notes.append(
-            NoteKind.PROFILES_BEYOND.describe(beyond=beyond, total=len(rows), reason=reason)
+            NoteKind.PROFILES_BEYOND.make_note(beyond=beyond, total=len(rows), reason=reason)
         )
     return notes
 
@@ -223,5 +223,5 @@ def number_features(
     if max(sizes) <= _UNLIKE * min(sizes):
         return {key: average()} | numbered
     listed = ", ".join(f"{size * 1e6:.4g}" for size in sizes)
-    notes.append(NoteKind.UNLIKE_FEATURES.describe(count=len(features), sizes=listed))
+    notes.append(NoteKind.UNLIKE_FEATURES.make_note(count=len(features), sizes=listed))
     return numbered

@@ -61,14 +61,14 @@ def read_results_of_others(
             "results must measure a characteristic by its name or number on the drawing, got "
             f"{names:.120} [{path}]"
         )
-    notes = [NoteKind.RESULTS_IN_FILE.describe(measured=len(results), matched=len(matched))]
+    notes = [NoteKind.RESULTS_IN_FILE.make_note(measured=len(results), matched=len(matched))]
     not_judged = [key for key, result in matched.items() if result.status not in _JUDGED]
     if _is_qif(path) and not_judged:
-        notes.append(NoteKind.NO_JUDGEMENT_IN_FILE.describe(keys=", ".join(not_judged)))
+        notes.append(NoteKind.NO_JUDGEMENT_IN_FILE.make_note(keys=", ".join(not_judged)))
     serials = [result.serial for result in results]
     for serial in dict.fromkeys(serials):
         if serial:
-            notes.append(NoteKind.SERIAL_NUMBER.describe(serial=serial))
+            notes.append(NoteKind.SERIAL_NUMBER.make_note(serial=serial))
     values = {key: _convert_result(key, result) for key, result in matched.items()}
     return Evaluation(values, f"{origin}, {path.name}", tuple(notes))
 

@@ -283,7 +283,7 @@ def _add_notes_on_reading(
             refuse_wrong_unit(characteristic, value, scale, place)
             doubts += note_other_parts_of_size(characteristic, value, asked.beside)
     if scale:
-        notes.append(NoteKind.HEIGHTS_READ_AS.describe(scale=scale))
+        notes.append(NoteKind.HEIGHTS_READ_AS.make_note(scale=scale))
     return replace(evaluation, notes=(*doubts, *notes))
 
 

@@ -87,18 +87,18 @@ class _WindowPoints:
     feature: str  # for messages
 
     @property
-    def named(self) -> dict[str, Mask]:
-        """Windows by their letters."""
+    def masks_by_letter(self) -> dict[str, Mask]:
+        """Points of each window, by its letter A, B or C."""
         return {"A": self.a, "C": self.c, "B": self.b}
 
     @property
-    def used(self) -> Mask:
-        """Points of all windows."""
+    def in_windows(self) -> Mask:
+        """Which points lie in any of the windows."""
         return self.a | self.c | self.b
 
     def build_design(self) -> Array:
         """Return slope, offset and half depth of a flat groove, shape (3, n) [1]."""
-        in_windows = self.x[self.used]
+        in_windows = self.x[self.in_windows]
         slope = (self.x - in_windows.mean()) / np.ptp(in_windows)
         return np.stack([slope, np.ones_like(self.x), np.where(self.c, -1.0, 1.0)])
 
@@ -137,7 +137,7 @@ def evaluate_a1(x: Array, z: Array, edges: Span | tuple[float, float]) -> TypeA1
         _find_window_points(x, z, windows.b),
         feature,
     )
-    for name, mask in points.named.items():
+    for name, mask in points.masks_by_letter.items():
         if mask.sum() < _LEAST_POINTS:
             raise MetrologyError(
                 f"window {name} must keep {_LEAST_POINTS} points, got {mask.sum()} for {feature}"
@@ -178,15 +178,15 @@ def _find_window_points(x: Array, z: Array, window: Span) -> Mask:
 
 def _evaluate_flat(points: _WindowPoints) -> TypeA1:
     """Return the depth of a feature whose middle is flat; refuse flanks and spikes in windows."""
-    used = points.used
+    used = points.in_windows
     fit = fit_without_spikes(points.build_design(), points.z, used)
-    name = _find_flank_window(fit, points.named)
+    name = _find_flank_window(fit, points.masks_by_letter)
     if name is not None:
         raise MetrologyError(
             f"window {name} of type A1 must lie on a face, but a flank or a defect reaches "
             f"into it for {points.feature}"
         )
-    fewest = min((mask & fit.used).sum() for mask in points.named.values())
+    fewest = min((mask & fit.used).sum() for mask in points.masks_by_letter.values())
     if fit.rejected > _MOST_OUTLIERS * used.sum() or fewest < _LEAST_POINTS:
         raise MetrologyError(
             f"windows of type A1 must hold at most {_MOST_OUTLIERS:.0%} spikes, got "
@@ -196,7 +196,7 @@ def _evaluate_flat(points: _WindowPoints) -> TypeA1:
     nearer = (points.x >= np.mean(windows.a)) & (points.x <= np.mean(windows.b))
     _, solution = solve_least_squares(fit.design, points.z, fit.used & nearer)
     return TypeA1(
-        depth=fit.estimate(2, 2.0),
+        depth=fit.estimate_term(2, 2.0),
         windows=windows,
         outliers=fit.rejected,
         kind=A1Kind.A1,
@@ -225,16 +225,16 @@ def _evaluate_domed(points: _WindowPoints) -> TypeA1 | None:
 
     None where that is not domed.
     """
-    if min(int(mask.sum()) for mask in points.named.values()) < _LEAST_POINTS_OF_DOME:
+    if min(int(mask.sum()) for mask in points.masks_by_letter.values()) < _LEAST_POINTS_OF_DOME:
         return None
     fit = _fit_dome(points)
-    if fit.rejected > _MOST_OUTLIERS * points.used.sum():
+    if fit.rejected > _MOST_OUTLIERS * points.in_windows.sum():
         return None
     if _find_flank_window(fit, {"A": points.a, "B": points.b}) is not None:
         return None
     depth = 2.0 * float(fit.solution[2])
     slant = float(fit.solution[3])
-    bow = fit.estimate(4)
+    bow = fit.estimate_term(4)
     if not _is_domed(bow, slant, depth) or bow.value * depth < 0.0:
         return None
     # the middle lies below the line by the depth; its apex is lower by a third of the bow and by
@@ -252,7 +252,7 @@ def _evaluate_domed(points: _WindowPoints) -> TypeA1 | None:
     )
     return TypeA1(
         depth=apex,
-        windows=_list_window_ends(points, np.ones_like(points.used)),
+        windows=_list_window_ends(points, np.ones_like(points.in_windows)),
         outliers=fit.rejected,
         kind=A1Kind.A2,
         scatter=apex.value,
@@ -268,7 +268,7 @@ def _fit_dome(points: _WindowPoints) -> Fit:
     t = np.where(points.c, 2.0 * (points.x - begin) / (end - begin) - 1.0, 0.0)
     bow = np.where(points.c, t**2 - _MEAN_SQUARE, 0.0)
     design = np.stack([*points.build_design(), t, bow])
-    return fit_without_spikes(design, points.z, points.used)
+    return fit_without_spikes(design, points.z, points.in_windows)
 
 
 def _is_domed(bow: Estimate, slant: float, height: float) -> bool:
@@ -294,9 +294,9 @@ def find_apex(
     t = np.where(used, (x - middle) / half, 0.0)
     design = np.stack([np.ones_like(t), t, t**2 - _MEAN_SQUARE])
     fit = fit_without_spikes(design, residuals, used)
-    mean = fit.estimate(0)
+    mean = fit.estimate_term(0)
     slant = float(fit.solution[1])
-    bow = fit.estimate(2)
+    bow = fit.estimate_term(2)
     if not _is_domed(bow, slant, height) or bow.value * height > 0.0:
         return None
     return Estimate(

@@ -76,7 +76,7 @@ def estimate_height_beside_waves(x: Array, z: Array, middle: float, planes: TwoP
     fit = _fit_waves(x, z, middle, planes.fit)
     if fit is planes.fit:
         return planes.height
-    return fit.estimate(_HEIGHT)
+    return fit.estimate_term(_HEIGHT)
 
 
 def _fit_waves(x: Array, z: Array, middle: float, fit: Fit) -> Fit:

@@ -12,8 +12,8 @@ from stepblocks.lawsearch.holdout import Holdout
 from stepblocks.loop.channels import ENERGY, JUDGED
 from stepblocks.loop.finding import (
     describe_apart_trials,
-    describe_remaining_doubt_of_whole,
     describe_finding,
+    describe_remaining_doubt_of_whole,
     format_errors,
 )
 from stepblocks.loop.record import BlockError, EffectRecord, LoopRecord

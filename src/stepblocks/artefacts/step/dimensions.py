@@ -57,14 +57,14 @@ class _Statement:
         return [surface for side in self.sides for surface in side]
 
     @property
-    def bodies(self) -> set[str]:
-        """The representations that hold the surfaces: one for each body."""
+    def representations(self) -> set[str]:
+        """References of the representations that hold the surfaces: one for each body."""
         return {surface.representation for surface in self.surfaces}
 
     @property
     def names_planes(self) -> bool:
         """Whether it is the distance or angle of planes of one body."""
-        if len(self.sides) != 2 or not all(self.sides) or len(self.bodies) != 1:
+        if len(self.sides) != 2 or not all(self.sides) or len(self.representations) != 1:
             return False
         return all(surface.kind == PLANE for surface in self.surfaces)
 
@@ -127,7 +127,7 @@ def _measure_geometry(
     The result is None where they do not determine it: bodies can only be compared where an assembly
     leaves them.
     """
-    if len(stated.bodies) > 1 and not is_placed_where_drawn(file):
+    if len(stated.representations) > 1 and not is_placed_where_drawn(file):
         return None
     if len(stated.sides) == 1:
         (side,) = stated.sides

@@ -172,7 +172,7 @@ def _read_surface(
         kind,
         units.length.convert_to_si(placement.point),
         placement.axis,
-        _read_sizes(kind, parameters[2:], units),
+        _read_radii_and_cone_angle(kind, parameters[2:], units),
         representation,
     )
 
@@ -205,8 +205,13 @@ def _find_geometry(file: Exchange, item: str) -> tuple[str, Parameters]:
     return next(iter(file.get_entities(carrier).items()), ("", ()))
 
 
-def _read_sizes(kind: str, parameters: Parameters, units: RepresentationUnits) -> tuple[float, ...]:
-    """Read radii [m] and, of a cone, its half angle [rad]."""
+def _read_radii_and_cone_angle(
+    kind: str, parameters: Parameters, units: RepresentationUnits
+) -> tuple[float, ...]:
+    """Read the radii of a surface [m]; of a cone its radius and its half angle [rad].
+
+    A parameter that is no number gives NaN.
+    """
     numbers = []
     for parameter in parameters:
         number = read_number(parameter)

@@ -205,7 +205,7 @@ def _is_bell(time: Array, bell: Aftermath, rubbing: RubbingRing, marks: Landmark
     residuals = ring.fit.residuals
     fitted = time[time.size - residuals.size :]
     # what misses a bell in its first swing alone hardly weighs in the sum
-    of_bell = float(np.sum(residuals[fitted >= rubbing.origin] ** 2))
+    of_bell = float(np.sum(residuals[fitted >= rubbing.time_zero] ** 2))
     of_rubbing = float(np.sum(rubbing.residuals**2))
     if rubbing.misfit > _GOOD and of_rubbing > _BETTER * of_bell:
         return True
@@ -280,7 +280,7 @@ def fit_ring_after_rest(time: Array, force: Array, early: Ring, noise: float) ->
         None where the rest dies by the exponential, or what is left out is no rest: that of a
         release lies above the ring and only dies, while friction makes the first swings larger.
     """
-    release = early.origin
+    release = early.time_zero
     since = time[time.size - early.fit.residuals.size :] - release
     pulses = np.exp(-since[:, None] / _REST_TIMES)
     begun = early.fit.residuals[since < _LATE_BEGINS[-1]]

@@ -53,14 +53,14 @@ class RubbingRing:
     Attributes
     ----------
     values : Array
-        Shape (7,): level L+ [N], gap D [N], frequency [Hz], decay time [s], force at `origin` over
-        L+ [N], slope there [N/s], drift [N/s].
+        Shape (7,): level L+ [N], gap D [N], frequency [Hz], decay time [s], force at `time_zero`
+        over L+ [N], slope there [N/s], drift [N/s].
     covariance : Array
         Shape (7, 7), of `values`.
     slope : float
         Of the force while the tip sticks [N/s].
-    origin : float
-        Instant that the fit counts from [s].
+    time_zero : float
+        Instant from which the fit counts time [s].
     misfit : float
         By how many standard errors the residuals miss the noise, see `compute_misfit`.
     residuals : Array
@@ -72,7 +72,7 @@ class RubbingRing:
     values: Array
     covariance: Array
     slope: float
-    origin: float
+    time_zero: float
     misfit: float
     residuals: Array
     knows_gap: bool
@@ -106,8 +106,8 @@ class RubbingRing:
         return float(np.sqrt(max(self.covariance[index, index], 0.0)))
 
     def compute_curve(self, time: Array) -> Array:
-        """Return the fit without hum [N] at the instants `time`, all after `origin`."""
-        return _compute_rubbing_with_drift(self.values, time - self.origin, self.slope)
+        """Return the fit without hum [N] at the instants `time`, all after `time_zero`."""
+        return _compute_rubbing_with_drift(self.values, time - self.time_zero, self.slope)
 
 
 def compute_rubbing_force(
@@ -192,7 +192,7 @@ class _RubbingProblem:
     Attributes
     ----------
     origin : float
-        Instant that the fit counts from [s].
+        Instant from which the fit counts time [s].
     beginning : int
         Number of samples in which a wrong fit shows.
     since, force : Array

@@ -210,7 +210,7 @@ def _lacks_wall(
 
 def _make_ambiguity_error(edges: _EdgesOfRow, layout: DeclaredLayout) -> MetrologyError:
     """Make the error of a profile whose working edge cannot be told."""
-    upside_down = layout.invert()
+    upside_down = layout.turn_upside_down()
     best = max(_fit_layouts(edges, upside_down))
     fits_upside_down = best.is_possible and best.explained == len(layout.walls) > 0
     if layout.needs_neighbours:

@@ -17,8 +17,8 @@ class CrossedEdge:
     edge: Edge
 
     @property
-    def levelled(self) -> LevelledPoints:
-        """Points of the profile beside the edge."""
+    def levelled_points(self) -> LevelledPoints:
+        """Points of the profile, levelled by its faces."""
         return self.edge.locate_points(self.row.position, self.row.height)
 
 
@@ -30,8 +30,8 @@ class CrossedEdges:
     is_map: bool  # whether they are rows of a map
 
     @property
-    def first(self) -> CrossedEdge:
-        """The first profile."""
+    def first_crossing(self) -> CrossedEdge:
+        """The first profile with its edge."""
         return self.crossings[0]
 
     @property
@@ -42,7 +42,7 @@ class CrossedEdges:
     @property
     def spacing(self) -> float:
         """Sampling interval [m]."""
-        return self.first.row.spacing
+        return self.first_crossing.row.spacing
 
     @property
     def shows_mostly_flanks(self) -> bool:
@@ -55,8 +55,8 @@ class CrossedEdges:
         return [edge.flank for edge in self.edges if edge.flank is not None]
 
     @property
-    def middles(self) -> list[float]:
-        """Where the middle of the edge lies in each profile [m]."""
+    def edge_positions(self) -> list[float]:
+        """Position of the middle of the edge along each profile [m]."""
         return [edge.middle for edge in self.edges]
 
     def take_evenly(self, most: int) -> tuple[CrossedEdge, ...]:

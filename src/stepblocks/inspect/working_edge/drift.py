@@ -26,14 +26,14 @@ class Drift:
     ----------
     offsets : array, shape (ny,)
         Of the rows [m].
-    zone : float
+    range_of_offsets : float
         Their range [m].
     """
 
     offsets: Array
 
     @property
-    def zone(self) -> float:
+    def range_of_offsets(self) -> float:
         """Range of the offsets [m]."""
         return float(np.ptp(self.offsets))
 
@@ -88,7 +88,7 @@ def find_drift(x: Array, y: Array, height: Array, lower: Mask, upper: Mask) -> D
     terms = _find_shared_terms(first, second, wander)
     offsets = np.polynomial.legendre.legval(t, [0.0, 0.0, *terms]) + wander
     drift = Drift(np.asarray(offsets))
-    if drift.zone < _LEAST_ZONE:
+    if drift.range_of_offsets < _LEAST_ZONE:
         return None
     return drift
 

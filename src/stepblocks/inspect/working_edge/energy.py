@@ -28,8 +28,8 @@ class _MeasuredEdge:
     is_second: bool = False  # whether it is the second edge of its block
 
     @property
-    def asked(self) -> Counterface:
-        """The step that was asked for."""
+    def nominal(self) -> Counterface:
+        """The step at its nominal sizes."""
         return self._make_face(self.nominal_height, self.nominal_radius)
 
     @property
@@ -84,13 +84,13 @@ def _describe_edge(
         f"(tip {point.ball_radius * 1e6:g} um, {point.normal_load:g} N, friction "
         f"{point.friction:g})"
     )
-    if not result.evaluation.arc and _reaches_relief(edge.asked, point):
+    if not result.evaluation.arc and _reaches_relief(edge.nominal, point):
         return (
             f"{verdict}; the edge is no arc, and a ball that sinks into the relief before a sloped "
             f"riser has no prediction {conditions}"
         )
     causes = edge.list_causes()
-    nominal = edge.asked.release(point)
+    nominal = edge.nominal.release(point)
     as_built = edge.as_built.release(point)
     releases = [nominal, as_built]
     for step in causes.values():
@@ -104,13 +104,13 @@ def _describe_edge(
     if not edge.is_second:
         scanned = _release_scanned_surface(result, point)
     if scanned is not None:
-        change = find_energy_change(edge.asked, scanned, point) * 100.0
+        change = find_energy_change(edge.nominal, scanned, point) * 100.0
         return (
             f"{verdict}; the edge is no arc; by the scanned surface itself {change:+.1f} "
             f"%, to {_format_energy(scanned)} {conditions}"
         )
-    clause = _describe_causes(result, edge.asked, causes, point)
-    change = find_energy_change(edge.asked, edge.as_built, point)
+    clause = _describe_causes(result, edge.nominal, causes, point)
+    change = find_energy_change(edge.nominal, edge.as_built, point)
     return (
         f"{verdict}{clause}; together {change * 100:+.1f} %, to {_format_energy(as_built)} "
         f"{conditions}"

@@ -87,7 +87,7 @@ def measure_faces(
     drift = find_drift(x, y, height, on_lower, on_upper)
     if drift is not None:
         height = height - drift.offsets[:, np.newaxis]
-        notes.append(NoteKind.DRIFT_OR_BEND.describe(zone=drift.zone * 1e6))
+        notes.append(NoteKind.DRIFT_OR_BEND.make_note(zone=drift.range_of_offsets * 1e6))
     lower = fit_face(x, y, height, on_lower)
     upper = fit_face(x, y, height, on_upper)
     zones = {
@@ -98,7 +98,7 @@ def measure_faces(
     notes.append(_describe_zones(list(zones.values()), max(lower.degree, upper.degree)))
     if lower.is_wavy or upper.is_wavy:
         cutoff = choose_face_cutoff((scan.dy * thin_y, scan.dx * thin_x))
-        notes.append(NoteKind.WAVINESS_OF_FACES.describe(cutoff=cutoff * 1e3))
+        notes.append(NoteKind.WAVINESS_OF_FACES.make_note(cutoff=cutoff * 1e3))
     known = np.isfinite(height)
     covered = {
         _LOWER: Extent(float(np.ptp(side[on_lower & known])), float(y[-1])),
@@ -118,7 +118,7 @@ def _describe_zones(zones: list[_Zone], degree: int) -> Note:
         points = [face.points for face in zone.faces]
         width = zone.compute(*points) * 1e6
         listed.append(f"{zone.name} {width:.3g} um")
-    return NoteKind.FORM_OF_FACES.describe(degree=degree, zones=", ".join(listed))
+    return NoteKind.FORM_OF_FACES.make_note(degree=degree, zones=", ".join(listed))
 
 
 def _measure_zone(zone: _Zone, instrument: Instrument, drift: Drift | None) -> Measured:
@@ -129,7 +129,7 @@ def _measure_zone(zone: _Zone, instrument: Instrument, drift: Drift | None) -> M
     if drift is None:
         return add_instrument_components(zone.name, form.value, components, instrument)
     how = "a quarter of what both faces share along the edge"
-    components.append(Component(Source.DRIFT, 0.25 * drift.zone, how=how))
+    components.append(Component(Source.DRIFT, 0.25 * drift.range_of_offsets, how=how))
     measured = add_instrument_components(zone.name, form.value, components, instrument)
     return replace(measured, bound=Bound.AT_LEAST)
 
@@ -139,7 +139,7 @@ def extract_faces(crossed: CrossedEdges) -> Iterator[ScannedProfile]:
     chosen = crossed.take_evenly(_MOST_PROFILES)
     for side in (-1.0, 1.0):
         for crossing in chosen:
-            points = crossing.levelled
+            points = crossing.levelled_points
             inside = side * points.across > crossing.edge.exclusion
             row = crossing.row
             yield ScannedProfile(row.position[inside], points.level[inside], row.source)

@@ -85,12 +85,12 @@ class _OtherFeatures:
     features: list[Feature]
 
     @property
-    def steps(self) -> list[float]:
-        """Places of single steps along the profile [m]."""
+    def single_step_positions(self) -> list[float]:
+        """Positions of the single steps along the profile [m]."""
         return [feature.begin for feature in self.features if feature.is_single_step]
 
-    def describe(self, is_evaluated_between: bool) -> Note:
-        """Say what they are, and whether the edge was evaluated between its neighbours alone."""
+    def make_note(self, is_evaluated_between: bool) -> Note:
+        """Note what they are, and whether the edge was evaluated between its neighbours alone."""
         listed = []
         for feature in self.features:
             height = feature.height.value * 1e6
@@ -98,7 +98,7 @@ class _OtherFeatures:
         kind = NoteKind.ALSO_SHOWS
         if is_evaluated_between:
             kind = NoteKind.ALSO_SHOWS_STEPS
-        return kind.describe(features=", ".join(listed))
+        return kind.make_note(features=", ".join(listed))
 
 
 def measure_edge(
@@ -147,12 +147,12 @@ def _measure_along_rows(
     notes += relief.notes
     if stretch is not None:
         notes.append(
-            NoteKind.WORKING_EDGE_ALONE.describe(
+            NoteKind.WORKING_EDGE_ALONE.make_note(
                 begin=stretch.begin * 1e6, end=stretch.end * 1e6, beside=stretch.beside
             )
         )
     crossed = _fit_edges(turned, options)
-    first = crossed.first
+    first = crossed.first_crossing
     values = {
         "step_height": _average_height(crossed, instrument),
         "edge_radius": average_radius(crossed, instrument, options.stylus_radius, notes),
@@ -165,12 +165,12 @@ def _measure_along_rows(
         surface = _extend_by_level_faces(first)
     beside = _find_other_features(first)
     _refuse_notch(beside, first)
-    has_steps = bool(beside.steps)
+    has_steps = bool(beside.single_step_positions)
     if has_steps and options.begin is None and options.end is None:
         values |= _measure_between_steps(turned, beside, first, instrument, options, values)
-        notes.append(beside.describe(is_evaluated_between=True))
+        notes.append(beside.make_note(is_evaluated_between=True))
     elif beside.features:
-        notes.append(beside.describe(is_evaluated_between=False))
+        notes.append(beside.make_note(is_evaluated_between=False))
     points = _locate_points_across_edge(turned, crossed)
     burr = find_burr(
         points.across,
@@ -223,7 +223,7 @@ def _turn_profiles(scan: ScannedProfile | HeightMap, options: EvaluationOptions)
     if slant != 0.0:  # the profile across the edge is shorter than the row
         rows = [replace(row, position=row.position * turn) for row in rows]
         angle = math.degrees(math.atan(slant))
-        notes.append(NoteKind.EDGE_TURNED.describe(angle=angle))
+        notes.append(NoteKind.EDGE_TURNED.make_note(angle=angle))
     return _TurnedProfiles(rows, turn, scan, notes)
 
 
@@ -327,7 +327,7 @@ def _extend_by_level_faces(crossing: CrossedEdge) -> ScannedProfile:
     """
     row = crossing.row
     edge = crossing.edge
-    points = crossing.levelled
+    points = crossing.levelled_points
     inside = np.abs(points.across) < edge.exclusion
     used = inside & np.isfinite(points.level) & ~edge.dropped
     order = np.argsort(points.across[used])
@@ -343,18 +343,18 @@ def _extend_by_level_faces(crossing: CrossedEdge) -> ScannedProfile:
 def _find_other_features(crossing: CrossedEdge) -> _OtherFeatures:
     """Find the steps, ridges and grooves that a profile shows beside its edge."""
     edge = crossing.edge
-    points = crossing.levelled
+    points = crossing.levelled_points
     beside = np.abs(points.across) > edge.exclusion
     without_step = points.level - edge.height.value * (points.across > 0.0)
     residuals = np.where(beside, without_step, np.nan)
 
-    def measure(position: Array) -> Sequence[Feature]:
+    def measure_without_step(position: Array) -> Sequence[Feature]:
         """Measure the features of the heights without the step."""
         edges = find_edges(position, residuals)
         return measure_features(position, residuals, edges, None, None).features
 
     features = []
-    for feature in evaluate_if_possible(measure, crossing.row.position) or ():
+    for feature in evaluate_if_possible(measure_without_step, crossing.row.position) or ():
         is_high = abs(feature.height.value) > _WORTH * edge.height.value
         # else what the edge left open: the flank of that begins before what was left out
         is_clear = abs(feature.begin - edge.middle) > edge.exclusion + feature.flanks
@@ -392,7 +392,7 @@ def _measure_between_steps(
     middle = crossing.edge.middle
     position = crossing.row.position
     before, behind = position[0], position[-1]
-    for step in sorted(beside.steps):
+    for step in sorted(beside.single_step_positions):
         if step < middle:
             before = step
         elif step > middle:
@@ -411,16 +411,16 @@ def _locate_points_across_edge(turned: _TurnedProfiles, crossed: CrossedEdges) -
     """Return where the points of the whole scan lie beside the edge, shape (ny, nx) [m]."""
     scan = turned.scan
     if isinstance(scan, ScannedProfile):
-        points = crossed.first.levelled
+        points = crossed.first_crossing.levelled_points
         return LevelledPoints(points.across[np.newaxis], points.level[np.newaxis])
     y = np.array([crossing.row.offset for crossing in crossed.crossings])
     offsets = [edge.offset for edge in crossed.edges]
-    middle = _interpolate_line(y, crossed.middles, scan.y)
+    middle = _interpolate_line(y, crossed.edge_positions, scan.y)
     offset = _interpolate_line(y, offsets, scan.y)
     x = scan.x * turned.turn
     tilt = float(np.median([edge.tilt for edge in crossed.edges]))
     return LevelledPoints(
-        across=crossed.first.edge.sign * (x - middle[:, np.newaxis]),
+        across=crossed.first_crossing.edge.sign * (x - middle[:, np.newaxis]),
         level=scan.height - offset[:, np.newaxis] - tilt * x,
     )
 
@@ -462,7 +462,7 @@ def _add_burr_budget(burr: Burr, instrument: Instrument, notes: list[Note]) -> M
         kind = NoteKind.SPIKE_AT_EDGE
         if burr.spikes > 1:
             kind = NoteKind.SPIKES_AT_EDGE
-        notes.append(kind.describe(spikes=burr.spikes, highest=burr.highest_spike * 1e6))
+        notes.append(kind.make_note(spikes=burr.spikes, highest=burr.highest_spike * 1e6))
     components = [
         Component(Source.NOISE, burr.height.std, how="valleys of the face and the lower face"),
         Component(Source.PEAK, burr.noise, how="half of what noise alone shows"),
@@ -475,7 +475,7 @@ def _note_left_out(crossed: CrossedEdges, notes: list[Note]) -> None:
     """Say how many points were left out, if any."""
     left_out = sum(edge.rejected for edge in crossed.edges)
     if left_out:
-        notes.append(NoteKind.POINTS_LEFT_OUT.describe(left_out=left_out))
+        notes.append(NoteKind.POINTS_LEFT_OUT.make_note(left_out=left_out))
 
 
 def _note_sharp_edge(crossed: CrossedEdges, notes: list[Note]) -> None:
@@ -483,12 +483,12 @@ def _note_sharp_edge(crossed: CrossedEdges, notes: list[Note]) -> None:
     least = RESOLVED * crossed.spacing
     if any(edge.radius.value < least for edge in crossed.edges):
         limit = max(edge.radius_limit for edge in crossed.edges)
-        notes.append(NoteKind.SHARP_EDGE.describe(limit=limit * 1e6))
+        notes.append(NoteKind.SHARP_EDGE.make_note(limit=limit * 1e6))
 
 
 def _describe_convention(crossed: CrossedEdges) -> str:
     """Say how height and radius are defined."""
-    exclusion = crossed.first.edge.exclusion
+    exclusion = crossed.first_crossing.edge.exclusion
     convention = (
         f"two planes with a common slope, {exclusion * 1e6:.4g} um excluded on either side "
         "of the edge; radius by arc"

@@ -77,7 +77,7 @@ def average_radius(
     measured = average_profiles("edge radius", without_tip, instrument, components, _RADIUS_POWERS)
     if measured.value + measured.expanded() < 0.0:
         seen = measured.value + tip
-        notes.append(NoteKind.STYLUS_TOO_LARGE.describe(radius=tip * 1e6, seen=seen * 1e6))
+        notes.append(NoteKind.STYLUS_TOO_LARGE.make_note(radius=tip * 1e6, seen=seen * 1e6))
         return replace(measured, value=seen, bound=Bound.AT_MOST)
     bound = Bound.NONE
     if stylus_radius is None:
@@ -87,7 +87,7 @@ def average_radius(
         if _may_be_cone(crossed, measured.value + tip):
             note = NoteKind.STYLUS_TAKEN_OFF_BOUND
             bound = Bound.AT_MOST
-        notes.append(note.describe(radius=tip * 1e6))
+        notes.append(note.make_note(radius=tip * 1e6))
     return replace(measured, value=max(measured.value, 0.0), bound=bound)
 
 
@@ -119,7 +119,7 @@ def _make_sampling_component(crossed: CrossedEdges, single: float) -> Component:
     how = f"noise of one row, and one interval, which a pixel averages; {how}"
     pixel = crossed.spacing / math.sqrt(12.0)
     between = math.hypot(single, pixel)
-    if float(np.std(crossed.middles)) > pixel:
+    if float(np.std(crossed.edge_positions)) > pixel:
         between = max(single, pixel)
     return Component(Source.SAMPLING, between, how=how, bounded=True)
 
@@ -141,7 +141,7 @@ def _may_be_cone(crossed: CrossedEdges, seen: float) -> bool:
     It may where too few points lie on the riser.
     """
     highest = min(_COARSE * crossed.spacing, seen / NO_RISER)
-    return not crossed.shows_mostly_flanks and crossed.first.edge.height.value < highest
+    return not crossed.shows_mostly_flanks and crossed.first_crossing.edge.height.value < highest
 
 
 def _estimate_arc_form(crossed: CrossedEdges) -> float:

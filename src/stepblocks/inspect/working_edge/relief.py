@@ -125,7 +125,7 @@ def cover_relief(
         scan=without_relief,
         filled=filled,
         values={"relief_depth": depth},
-        notes=[NoteKind.RELIEF_LEFT_OUT.describe(width=_measure_usual_width(found) * 1e6)],
+        notes=[NoteKind.RELIEF_LEFT_OUT.make_note(width=_measure_usual_width(found) * 1e6)],
     )
     if options.stylus_radius == 0.0 and options.stylus_cone == 0.0:
         covered.values["relief_width"] = _average_width(found, places, instrument)

@@ -58,11 +58,11 @@ def measure_riser(
         cone = "cone of the stylus"
         if stylus_cone is None:
             cone += ", which is not stated,"
-        notes.append(NoteKind.NO_ARC_OR_STEEPER.describe(slope=slope, cone=cone))
+        notes.append(NoteKind.NO_ARC_OR_STEEPER.make_note(slope=slope, cone=cone))
         return _make_unmeasured_riser(
             NotMeasuredReason.STYLUS_CONE.describe(cone=cone, slope=slope)
         )
-    notes.append(NoteKind.NO_ARC.describe(slope=slope))
+    notes.append(NoteKind.NO_ARC.make_note(slope=slope))
     scatter = np.std(angles)
     values = {
         ANGLE: _add_angle_budget(angle, math.hypot(std, scatter), instrument),
