@@ -201,7 +201,7 @@ def find_ends(model: Population, index: int) -> list[float]:
     middle = float(model.best.x[place])
 
     def excess(value: float) -> float:
-        held = model.maximise(model.best.x, place, value)
+        held = model.maximise_likelihood(model.best.x, place, value)
         return float(2.0 * (held.fun - model.best.fun) - limit)
 
     low, high = model.axes[index][[0, -1]]

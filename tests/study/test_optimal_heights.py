@@ -131,10 +131,10 @@ def test_without_the_error_of_the_spread_all_trials_would_lie_at_the_threshold()
     assert set(np.flatnonzero(found)) <= {19, 20, 21}
     spread = math.exp(find_log_spread(WEBER, CurveShape.LOGISTIC))
     least = 4.0 * spread**2 / 164
-    assert least <= math.exp(asymptotic.assess(found)) < 1.01 * least
+    assert least <= math.exp(asymptotic.compute_value(found)) < 1.01 * least
     single = np.zeros(41)
     single[20] = 164.0
-    assert math.exp(asymptotic.assess(single)) == pytest.approx(least, rel=1e-6)
+    assert math.exp(asymptotic.compute_value(single)) == pytest.approx(least, rel=1e-6)
     slopes = inform(np.zeros(1), "logistic") / [[spread, 1.0]]
     inverse = np.linalg.pinv(164 * slopes.T @ slopes)
     assert inverse[0, 0] == pytest.approx(least, rel=1e-9)
@@ -165,17 +165,17 @@ def test_no_shift_of_trials_tells_more_with_lapses_and_a_vague_expectation(targe
     prior = Prior(weber=WEBER, weber_factor=1.5, equal_factor=1.1)
     goal = Target(target)
     sensitivity = compute_curve_sensitivity(heights, STANDARD, prior, 0.02, CurveShape.NORMAL)
-    criterion = Criterion(sensitivity, goal.places, goal.spread)
+    criterion = Criterion(sensitivity, goal.parameter_indices, goal.spread_index)
     start = np.zeros(len(heights))
     start[::10] = 1000.0
     found = exchange_trials(criterion, start, 1, 3)
-    least = criterion.assess(found)
+    least = criterion.compute_value(found)
     total = found.sum()
     for height in range(len(heights)):
         shifted = 0.999 * found
         shifted[height] += 0.001 * total
         # the slope in the direction of every height is not negative (equivalence theorem)
-        assert (criterion.assess(shifted) - least) / 0.001 > -2e-3
+        assert (criterion.compute_value(shifted) - least) / 0.001 > -2e-3
 
 
 def test_an_exponent_is_known_best_at_the_ends_of_the_range():
@@ -204,9 +204,9 @@ def test_no_other_share_of_trials_tells_more(places, lapse):
     values = []
     for counts in itertools.product(range(11), repeat=len(heights)):
         if sum(counts) == 10 and np.count_nonzero(counts) >= 3:
-            values.append(criterion.assess(4.0 * np.array(counts)))
+            values.append(criterion.compute_value(4.0 * np.array(counts)))
     start = np.array([2.0, 2.0, 2.0, 2.0, 1.0, 1.0])
-    found = criterion.assess(4.0 * exchange_trials(criterion, start, 4, 3))
+    found = criterion.compute_value(4.0 * exchange_trials(criterion, start, 4, 3))
     assert found == pytest.approx(min(values), abs=1e-6)
 
 
@@ -223,11 +223,11 @@ def test_heights_of_equal_trials_are_the_best_that_can_be_chosen():
     )
     criterion = Criterion(sensitivity, (1,))
 
-    def assess(chosen):
-        return criterion.assess(20.0 * np.isin(heights, chosen))
+    def compute_value(chosen):
+        return criterion.compute_value(20.0 * np.isin(heights, chosen))
 
-    best = min(itertools.combinations(heights, 4), key=assess)
-    assert assess(design.optimal.heights) == pytest.approx(assess(best), abs=1e-6)
+    best = min(itertools.combinations(heights, 4), key=compute_value)
+    assert compute_value(design.optimal.heights) == pytest.approx(compute_value(best), abs=1e-6)
 
 
 def test_the_determinant_follows_every_added_trial():
@@ -237,7 +237,7 @@ def test_the_determinant_follows_every_added_trial():
     for place_of, value in enumerate(criterion.assess_additions(trials, 4.0)):
         more = trials.copy()
         more[place_of] += 4.0
-        assert value == pytest.approx(criterion.assess(more), abs=1e-8)
+        assert value == pytest.approx(criterion.compute_value(more), abs=1e-8)
 
 
 @pytest.mark.repeats

@@ -381,7 +381,7 @@ def test_what_is_passed_over_is_left_out_and_the_last_value_is_always_followed(m
         work = LatestWork(do)
         for number in range(1, 6):
             stands = number
-            work.ask()
+            work.request()
             await asyncio.sleep(0.0)
         for _ in range(200):
             if done and done[-1] == 5:

@@ -371,8 +371,8 @@ class _Question:
                 "runs": self.runs,
             }
 
-    def assess(self, participants: int, repetitions: int) -> dict[str, object]:
-        """Return the power of one size, as a row."""
+    def estimate_row(self, participants: int, repetitions: int) -> dict[str, object]:
+        """Estimate the power with so many participants and repetitions; return it as a row."""
         shares, noise = [], []
         for name in self.conditions:
             shares.append((name, self.damping.get(name, 1.0)))
@@ -540,7 +540,7 @@ def study_power(
             if kind == "constant":
                 rows += question.list_pairs(people, times)
             else:
-                rows.append(question.assess(people, times))
+                rows.append(question.estimate_row(people, times))
     table = pd.DataFrame(rows)
     if output is not None:
         write_table(table, Path(output), "%.3f")

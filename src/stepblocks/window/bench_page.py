@@ -53,17 +53,17 @@ class BenchForm:
             label=texts.DROP_SESSION, max_file_size=LARGEST_UPLOAD, auto_upload=True
         ).mark("drop")
         upload.on_upload(self._take_archive)
-        upload.on_rejected(lambda: self._refuse(make_size_error()))
-        take_folders(upload, lambda: self._refuse(PipelineError(texts.FOLDER_UNREAD)))
+        upload.on_rejected(lambda: self._show_refusal(make_size_error()))
+        take_folders(upload, lambda: self._show_refusal(PipelineError(texts.FOLDER_UNREAD)))
         names = self._get_session_names()
         first = session or next(iter(names), "")
         with ui.row().classes("items-center"):
             self._name = ui.input(texts.SESSION, value=first, autocomplete=names)
             self._name.classes("min-w-[400px]")
-            ui.button(texts.OPEN, on_click=self._open).props("no-caps")
+            ui.button(texts.OPEN, on_click=self._show_session).props("no-caps")
         self._place = ui.column().classes("w-full")
         if first:
-            ui.timer(0.0, self._open, once=True)
+            ui.timer(0.0, self._show_session, once=True)
 
     def _get_session_names(self) -> list[str]:
         """Return the names of the sessions in the folder."""
@@ -82,9 +82,9 @@ class BenchForm:
                 show_mistake(error)
             return
         self._name.set_value(name)
-        await self._open()
+        await self._show_session()
 
-    def _refuse(self, error: PipelineError) -> None:
+    def _show_refusal(self, error: PipelineError) -> None:
         """Say why what was dropped is not taken."""
         self._place.clear()
         with self._place:
@@ -105,7 +105,7 @@ class BenchForm:
         self._folder.resolve(f"{_SESSIONS}/{stem}")
         return f"{_SESSIONS}/{stem}"
 
-    async def _open(self) -> None:
+    async def _show_session(self) -> None:
         """Show the settings of a session beside its first trace, and its commands."""
         self._place.clear()
         name = str(self._name.value).strip()

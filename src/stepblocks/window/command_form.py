@@ -172,7 +172,7 @@ class CommandForm:
                 first = (answers or {}).get(question.name, question.default)
                 self._fields[question.name] = self._add_field(question, first)
         self._place = ui.column().classes("w-full")
-        self._show()
+        self._show_command()
 
     def _add_field(self, question: Question, first: str) -> ui.input | ui.select:
         """Add the field of a question."""
@@ -183,29 +183,29 @@ class CommandForm:
             field = ui.select(options, label=question.label, value=value, clearable=True)
         else:
             field = ui.input(question.label, value=first).props("debounce=200")
-        field.on_value_change(self._follow)
+        field.on_value_change(self._show_changed_command)
         return field.classes("w-full").mark(question.name)
 
     def read_answers(self) -> dict[str, str]:
         """Return what the fields say, by the names of the questions."""
         return {name: str(field.value or "") for name, field in self._fields.items()}
 
-    def fill(self, answers: Mapping[str, str]) -> None:
-        """Replace some of what the fields say."""
+    def fill_in(self, answers: Mapping[str, str]) -> None:
+        """Replace the answers of some fields, by the names of their questions."""
         self._is_filling = True
         for name, answer in answers.items():
             self._fields[name].set_value(answer)
         self._is_filling = False
-        self._follow()
+        self._show_changed_command()
 
-    def _follow(self) -> None:
+    def _show_changed_command(self) -> None:
         """Show the command for changed answers, and tell that they have changed."""
         if self._is_filling:
             return
-        self._show()
+        self._show_command()
         self._on_answers()
 
-    def _show(self) -> None:
+    def _show_command(self) -> None:
         """Show the command for what the fields say now, or what must be said yet."""
         self._place.clear()
         with self._place:

@@ -156,11 +156,11 @@ class DeclarationCheck:
         """Show the command, and what it found when it was run last."""
         show_heading(texts.CHECK_HEADING, 2)
         ui.label(texts.CHECK_HELP)
-        Runnable(make_check_command(self._session), self._folder, self._jobs, self._follow)
+        Runnable(make_check_command(self._session), self._folder, self._jobs, self._show_ended_run)
         self._place = ui.column().classes("w-full")
         self.update()
 
-    def _follow(self, _: Job) -> None:
+    def _show_ended_run(self, _: Job) -> None:
         """Show what a run found that has ended."""
         self.update()
 
@@ -171,11 +171,11 @@ class DeclarationCheck:
             try:
                 path = self._folder.resolve(name_check_file(self._session))
                 if is_file(path):
-                    self._show(read_check(path))
+                    self._show_result(read_check(path))
             except StepblocksError as error:
                 show_mistake(error)
 
-    def _show(self, check: SessionCheck) -> None:
+    def _show_result(self, check: SessionCheck) -> None:
         """Show a result, row by row, and the contradictions as the command prints them."""
         if check.digest != self._hash_session():
             show_message(texts.CHECK_IS_OLD)

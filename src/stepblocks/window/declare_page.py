@@ -75,13 +75,13 @@ class DeclarePage:
                 path = self._folder.resolve(name.strip())
                 if path.suffix != _ENDING:
                     raise PipelineError(texts.WRONG_ENDING.format(ending=_ENDING, name=repr(name)))
-                draft = self._left.take(path)
+                draft = self._left.take_over(path)
                 if draft is not None:
                     self._offer_to_discard(draft, partial(self._open, name, place, model))
                 else:
                     draft = Draft(path)
                 with ui.column().classes("w-full") as form:
-                    self._left.watch(draft, form)
+                    self._left.keep(draft, form)
                     DeclarationForm(draft, name.strip(), model).build()
             except StepblocksError as error:
                 show_mistake(error)
@@ -268,7 +268,7 @@ class DeclarationForm:
     def _update_soon(self) -> None:
         """Check the draft and predict, without making the page wait."""
         self._changes += 1
-        self._formula.ask()
+        self._formula.request()
 
     async def _check_and_predict(self) -> None:
         """Show mistakes at their fields; without any, what is felt and the working edge.
@@ -295,7 +295,7 @@ class DeclarationForm:
             return
         self._view.show_felt(found.felt, self._model.name, is_dragged=False)
         self._view.show_part(found.checked.stimuli, self._place, self._find_identity())
-        self._beside.ask()
+        self._beside.request()
 
     async def _drag_in_background(self) -> None:
         """Make the part and drag all parts in time, once nothing has changed for a moment."""
@@ -373,7 +373,7 @@ def _are_sliders_current(
     """Tell whether the sliders that are shown cover these sizes, and no others."""
     if shown.keys() != sizes.keys():
         return False
-    return all(size.range.holds(sizes[key].range) for key, size in shown.items())
+    return all(size.range.contains(sizes[key].range) for key, size in shown.items())
 
 
 def _read_entry(box: ui.input) -> str:

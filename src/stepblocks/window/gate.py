@@ -68,18 +68,18 @@ class Gate:
         if not comes_from_this_machine(
             headers.get("host", []), headers.get("origin", []), self._port
         ):
-            await _refuse(scope, send, 403, texts.REFUSED_HOST)
+            await _answer_refusal(scope, send, 403, texts.REFUSED_HOST)
             return
         if self._opens_window(scope):
             await self._hand_over_cookie(send)
             return
         is_file = self._asks_for_file(scope)
         if not is_file and not self._has_cookie(headers):
-            await _refuse(scope, send, 403, texts.REFUSED_TOKEN)
+            await _answer_refusal(scope, send, 403, texts.REFUSED_TOKEN)
             return
         fault = _find_fault_of_length(scope, headers)
         if fault is not None:
-            await _refuse(scope, send, *fault)
+            await _answer_refusal(scope, send, *fault)
             return
         policy = _POLICY_OF_FILES if is_file else _POLICY
         client = _Client(receive)
@@ -117,7 +117,7 @@ class Gate:
         """Answer with the cookie, and with the address that shows no token."""
         cookie = f"{self._cookie}={self._token}; Path=/; HttpOnly; SameSite=Strict"
         headers = {"Location": "/", "Set-Cookie": cookie, "Cache-Control": "no-store"}
-        await _answer(send, 303, "", headers)
+        await _answer_with_text(send, 303, "", headers)
 
 
 class _Client:
@@ -178,15 +178,17 @@ def _add_headers(send: "Send", policy: str) -> "Send":
     return send_with_policy
 
 
-async def _refuse(scope: "Scope", send: "Send", status: int, reason: str) -> None:
+async def _answer_refusal(scope: "Scope", send: "Send", status: int, reason: str) -> None:
     """Answer a request that is not let through."""
     if scope["type"] == "websocket":
         await send({"type": "websocket.close", "code": 1008})
         return
-    await _answer(send, status, reason, {"Cache-Control": "no-store", "Connection": "close"})
+    await _answer_with_text(
+        send, status, reason, {"Cache-Control": "no-store", "Connection": "close"}
+    )
 
 
-async def _answer(send: "Send", status: int, text: str, headers: dict[str, str]) -> None:
+async def _answer_with_text(send: "Send", status: int, text: str, headers: dict[str, str]) -> None:
     """Answer with a text."""
     body = text.encode()
     all_headers = {

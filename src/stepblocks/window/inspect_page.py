@@ -166,8 +166,8 @@ class InspectForm:
         self._command = ui.column().classes("w-full")
         self._batch = BatchForm(self._folder, self._jobs, _SCANS)
         self._batch.build()
-        upload.on_upload(self._take)
-        upload.on_rejected(lambda: self._refuse(make_size_error()))
+        upload.on_upload(self._take_dropped_scan)
+        upload.on_rejected(lambda: self._show_refusal(make_size_error()))
         take_many(upload, self._refuse_all, self._begin_many, self._end_many)
         ui.timer(0.0, self._offer_parts, once=True)
 
@@ -188,20 +188,20 @@ class InspectForm:
                 parts[f"{name}\n{part.id}"] = f"{part.id} ({name})"
         return parts
 
-    async def _take(self, event: events.UploadEventArguments) -> None:
-        """Put a dropped scan into the folder, and look at the last of several."""
+    async def _take_dropped_scan(self, event: events.UploadEventArguments) -> None:
+        """Put a dropped scan into the folder, and show the last of several."""
         try:
             name = self.name_upload(event.file.name)
             replace_bytes(self._folder.resolve(name), await event.file.read())
         except StepblocksError as error:
-            self._refuse(error)
+            self._show_refusal(error)
             return
         self._scan.set_value(name)
         self._taken += 1
         self._state.set_text(texts.TAKEN.format(count=self._taken, folder=_SCANS))
-        self._looks.ask()
+        self._looks.request()
 
-    def _refuse(self, error: StepblocksError) -> None:
+    def _show_refusal(self, error: StepblocksError) -> None:
         """Say why a dropped file was not taken, below what was said of those before it."""
         if len(self._refused.default_slot.children) == _MOST_REFUSED:
             self._refused.clear()
@@ -210,7 +210,9 @@ class InspectForm:
 
     def _refuse_all(self, count: int) -> None:
         """Say that more files were dropped at once than are taken."""
-        self._refuse(PipelineError(texts.TOO_MANY_DROPPED.format(most=MOST_FILES, count=count)))
+        self._show_refusal(
+            PipelineError(texts.TOO_MANY_DROPPED.format(most=MOST_FILES, count=count))
+        )
 
     def _begin_many(self) -> None:
         """Look at no scan until all of many have come."""
@@ -220,9 +222,9 @@ class InspectForm:
         """Look at the last of many scans, and say how many did not arrive."""
         self._is_receiving = False
         if missing:
-            self._refuse(PipelineError(texts.NOT_ARRIVED.format(count=missing)))
+            self._show_refusal(PipelineError(texts.NOT_ARRIVED.format(count=missing)))
         if self._taken:
-            self._looks.ask()
+            self._looks.request()
 
     async def _look_at_dropped(self) -> None:
         """Look at the scan that was dropped last, once all are there, and offer them for a list."""
@@ -233,7 +235,7 @@ class InspectForm:
         if self._is_receiving or is_gone(self._picture):
             return
         self._batch.refresh()
-        await self._look()
+        await self._show_scan()
 
     def name_upload(self, given: str) -> str:
         """Return the name in the folder for a dropped file.
@@ -254,9 +256,9 @@ class InspectForm:
     async def _look_again(self) -> None:
         """Look at the scan that is named; what was refused before is read by now."""
         self._refused.clear()
-        await self._look()
+        await self._show_scan()
 
-    async def _look(self) -> None:
+    async def _show_scan(self) -> None:
         """Show the scan as it is read now, or what its file leaves open; then the command."""
         self._picture.clear()
         self._command.clear()

@@ -99,8 +99,8 @@ class JobNotes:
             self._locks.enter_context(try_lock(self._place / _LOCK))
         return self._place
 
-    def forget(self) -> None:
-        """Take all notes away that are this window's or were found by it."""
+    def remove_own_notes(self) -> None:
+        """Remove all notes that are this window's or were found by it."""
         self._locks.close()
         for place in self._held:
             shutil.rmtree(place, ignore_errors=True)

@@ -21,8 +21,8 @@ class LatestWork:
         self._is_asked = False
         self._is_running = False
 
-    def ask(self) -> None:
-        """Let it be done soon, of the page that calls."""
+    def request(self) -> None:
+        """Have the work done soon, in the context of the page that calls."""
         self._is_asked = True
         if not self._is_running:
             self._is_running = True

@@ -19,15 +19,15 @@ class LeftDrafts:
     def __init__(self) -> None:
         self._drafts: list[tuple[Draft, ui.element]] = []
 
-    def watch(self, draft: "Draft", page: ui.element) -> None:
+    def keep(self, draft: "Draft", page: ui.element) -> None:
         """Keep a draft that a page changes from now on."""
         self._drafts = [*self._drafts, (draft, page)][-_MOST:]
 
-    def take(self, path: Path) -> "Draft | None":
-        """Return what was last left unsaved of a file; None where that is nothing.
+    def take_over(self, path: Path) -> "Draft | None":
+        """Return the unsaved draft of a file that was left last, and keep its drafts no longer.
 
-        What another page changes still is left to it, and a file that was changed since counts
-        before what was typed.
+        None where there is none. What another page still changes is left to it, and a file that
+        was changed since counts before what was typed.
         """
         left = [draft for draft, page in self._drafts if draft.path == path and _is_left(page)]
         self._drafts = [kept for kept in self._drafts if kept[0] not in left]

@@ -151,12 +151,12 @@ class LoopView:
             chart.options.update(self._make_options(Figure[str(figure.value)]))
             chart.update()
 
-        def pick(event: events.EChartPointClickEventArguments) -> None:
+        def select_trial(event: events.EChartPointClickEventArguments) -> None:
             trial.set_value(event.name)
 
         figure.on_value_change(draw_figure)
         trial.on_value_change(lambda: self._show_trace(str(trial.value), place))
-        chart.on_point_click(pick)
+        chart.on_point_click(select_trial)
 
     async def _show_trace(self, trial: str, place: ui.element) -> None:
         """Show the trace of a trial, and the command that draws it."""

@@ -148,14 +148,14 @@ class SessionDraft:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self._path = folder / SESSION_FILE
-        self._before = self._read()
+        self._before = self._read_text_or_none()
         try:
             text = self._before or "schema = 1\n"
             self._document = read_document(text.removeprefix(BYTE_ORDER_MARK))
         except MalformedTomlError as error:
             raise BenchError(texts.NO_TOML.format(name=SESSION_FILE, reason=error)) from error
 
-    def _read(self) -> str | None:
+    def _read_text_or_none(self) -> str | None:
         """Return the file as it stands; None where there is none."""
         if self._path.is_dir():
             raise BenchError(texts.FOLDER_FOR_FILE.format(name=SESSION_FILE))
@@ -208,7 +208,7 @@ class SessionDraft:
         if self._before is not None and self._before.startswith(BYTE_ORDER_MARK):
             text = BYTE_ORDER_MARK + text
         with hold_for_saving(self._path):
-            if self._read() != self._before:
+            if self._read_text_or_none() != self._before:
                 raise PipelineError(texts.WAS_CHANGED.format(name=SESSION_FILE))
             replace_text(self._path, text)
         self._before = text

@@ -135,7 +135,7 @@ class SetForm:
     def _follow_hand(self, energies: list[float]) -> None:
         """Put the targets of the axis into the form in place of what was said of them."""
         targets = ", ".join(format_target(energy) for energy in energies)
-        self._form.fill({**dict.fromkeys(_SPACING, ""), "targets": targets})
+        self._form.fill_in({**dict.fromkeys(_SPACING, ""), "targets": targets})
 
     def _design_soon(self) -> None:
         """Design the set for what the form says now, without making the page wait."""
@@ -150,16 +150,16 @@ class SetForm:
             shown = -1
             while shown != self._changes:
                 shown = self._changes
-                is_sound = await self._design(is_quick=True)
+                is_sound = await self._design_and_show(is_quick=True)
                 await asyncio.sleep(_QUIET)
                 if is_gone(self._state):
                     return
                 if is_sound and shown == self._changes and not self._axis.is_held:
-                    await self._design(is_quick=False)
+                    await self._design_and_show(is_quick=False)
         finally:
             self._is_designing = False
 
-    async def _design(self, *, is_quick: bool) -> bool:
+    async def _design_and_show(self, *, is_quick: bool) -> bool:
         """Design the set, and show it on the axis; return whether there is one."""
         number = self._changes
         self._state.set_text(texts.DESIGNING)

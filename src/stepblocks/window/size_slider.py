@@ -67,7 +67,7 @@ class SizeRange:
             return self.grid
         return _round_as_written((self.high - self.low) / _STEPS)
 
-    def holds(self, size: "SizeRange") -> bool:
+    def contains(self, size: "SizeRange") -> bool:
         """Tell whether a size is in this unit, and lies within the slider."""
         return size.unit == self.unit and self.low <= size.value <= self.high
 
@@ -95,7 +95,7 @@ class Size:
         """Its place in words, which follow the name of the field; empty for the entry itself."""
         return " ".join(str(part + 1) if isinstance(part, int) else part for part in self.place)
 
-    def write(self, entry: str, value: float) -> str:
+    def replace_in_entry(self, entry: str, value: float) -> str:
         """Return an entry with another value of the size; unchanged where it holds it no more."""
         text = self.range.format_entry(value)
         if not self.place:
@@ -178,7 +178,7 @@ def add_slider(
     def change_size(event: events.ValueChangeEventArguments[float | None]) -> None:
         """Write the size of the slider into the entry."""
         if event.value is not None:
-            write(size.write(read(), event.value))
+            write(size.replace_in_entry(read(), event.value))
 
     slider = ui.slider(
         min=given.low, max=given.high, step=given.step, value=given.value, on_change=change_size

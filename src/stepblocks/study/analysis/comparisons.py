@@ -35,7 +35,7 @@ class CurveQuantity(StrEnum):
     EQUALITY = "point of subjective equality"
 
     @property
-    def axis(self) -> int:
+    def axis_in_model(self) -> int:
         """Its axis in the model of a group."""
         return 1 if self is CurveQuantity.SPREAD else 0
 
@@ -161,8 +161,8 @@ def fit_setting(setting: str, judgements: Table, standard: float) -> Comparisons
     heights = hits.columns.to_numpy(float)
     grid = Grid(np.log(heights / standard), hits, tables["count"])
     model = Population(grid.likelihood, grid.axes)
-    middles = model.predict_participants(CurveQuantity.EQUALITY.axis)
-    widths = model.predict_participants(CurveQuantity.SPREAD.axis)
+    middles = model.predict_participants(CurveQuantity.EQUALITY.axis_in_model)
+    widths = model.predict_participants(CurveQuantity.SPREAD.axis_in_model)
     people = []
     for who, middle, width in zip(hits.index, middles, widths, strict=True):
         people.append(GroupMember(str(who), standard * math.exp(middle), compute_weber(width)))
@@ -170,8 +170,8 @@ def fit_setting(setting: str, judgements: Table, standard: float) -> Comparisons
         setting,
         curves,
         standard,
-        model.estimate(CurveQuantity.EQUALITY.axis),
-        model.estimate(CurveQuantity.SPREAD.axis),
+        model.estimate(CurveQuantity.EQUALITY.axis_in_model),
+        model.estimate(CurveQuantity.SPREAD.axis_in_model),
         tuple(people),
         model,
         constant,
@@ -214,7 +214,7 @@ def compare_settings(quantity: CurveQuantity, first: Comparisons, second: Compar
     """Compare the logarithm of a quantity, within participants where they met both settings."""
     assert first.model is not None
     assert second.model is not None
-    gap = _compare_models(quantity.axis, first, second)
+    gap = _compare_models(quantity.axis_in_model, first, second)
     return Interval(
         first.setting,
         second.setting,

@@ -48,7 +48,7 @@ class _Look(NamedTuple):
     hatch: str
 
     @property
-    def line(self) -> str:
+    def line_format(self) -> str:
         """Marker and dash as one format of matplotlib."""
         return self.marker + self.dash
 
@@ -157,7 +157,7 @@ def _draw_estimates(figure: Figure, result: Analysis) -> Table:
             condition["height_um"] + (index - middle) * _SIDE_BY_SIDE * top,
             condition["mean_um"],
             condition["half_width_um"].fillna(0.0),
-            fmt=_choose_look(index).line,
+            fmt=_choose_look(index).line_format,
             ms=4,
             lw=1.2,
             capsize=3,
@@ -259,7 +259,14 @@ def _draw_participant_lines(axes: Any, measure: Measure, table: Table) -> "pd.In
     for number, (who, row) in zip(numbers.tolist(), table.iterrows(), strict=True):
         look = _choose_look(number)
         axes.plot(
-            x, row, look.line, color=look.colour, ms=3, lw=0.8, alpha=0.7, label=groups[number]
+            x,
+            row,
+            look.line_format,
+            color=look.colour,
+            ms=3,
+            lw=0.8,
+            alpha=0.7,
+            label=groups[number],
         )
         end = row.iloc[-1]
         axes.text(x[-1] + 0.06, end, str(who), fontsize=6, color=look.colour, va="center")
@@ -355,9 +362,11 @@ def _draw_magnitudes(figure: Figure, result: Analysis) -> Table:
     for index, (name, condition) in enumerate(means.groupby("condition")):
         look = _choose_look(index)
         style = {"color": look.colour, "ms": 3, "lw": 1}
-        axes.plot([], [], look.line, label=name, **style)
+        axes.plot([], [], look.line_format, label=name, **style)
         for _, participant in condition.groupby("participant"):
-            axes.loglog(participant["height_um"], participant["magnitude"], look.line, **style)
+            axes.loglog(
+                participant["height_um"], participant["magnitude"], look.line_format, **style
+            )
     axes.set(xlabel=format_column_label("height_um"), ylabel="geometric mean of magnitudes")
     if means["condition"].nunique() > 1:
         axes.legend(frameon=False)

@@ -45,7 +45,7 @@ def leave_out_each(analysis: Analysis, findings: Sequence[Finding]) -> Iterator[
     for finding in findings:
         for who in people:
             with suppress(StudyError):
-                for interval in remaining.compare(finding.test, who):
+                for interval in remaining.compare_without(finding.test, who):
                     yield Influence(finding.test, who, interval)
 
 
@@ -57,8 +57,8 @@ class _Others:
         # one fit of the others serves every pair of settings; by setting and participant
         self._settings: dict[tuple[str, str], Comparisons] = {}
 
-    def compare(self, test: PlannedTest, who: str) -> Sequence[Interval]:
-        """Return the differences of a planned test without a participant."""
+    def compare_without(self, test: PlannedTest, who: str) -> Sequence[Interval]:
+        """Return the differences of a planned test without the participant `who`."""
         if isinstance(test, MeasureTest):
             means = average_participants(test.measure.frame)
             return compare_participants(means.drop(who, errors="ignore"))

@@ -188,7 +188,7 @@ class Population:
             narrowest, widest = math.log(0.6 * step), math.log(np.ptp(axis))
             bounds += [(axis[0], axis[-1]), (narrowest, widest)]
         self._bounds = np.array(bounds)
-        self.best = self.maximise(np.array(start))
+        self.best = self.maximise_likelihood(np.array(start))
         # the table, the contrasts and the page ask for the same means
         self.estimate: Callable[[int], Estimate] = cache(self._estimate_mean)
 
@@ -229,7 +229,9 @@ class Population:
         slopes[:, 0] /= np.exp(point[1::2])
         return -float(np.log(moments.likelihood).sum()), -slopes.ravel()
 
-    def maximise(self, start: Array, place: int = -1, value: float = 0.0) -> OptimizeResult:
+    def maximise_likelihood(
+        self, start: Array, place: int = -1, value: float = 0.0
+    ) -> OptimizeResult:
         """Maximise the likelihood, with one parameter held at a value where a place is given."""
         bounds = self._bounds.copy()
         if place >= 0:
@@ -250,11 +252,11 @@ class Population:
         point = self.best.x
         middle = float(point[place])
         spread = math.exp(point[place + 1])
-        assess = self._make_profile(index)
+        compute_p_value = self._make_profile(index)
 
         def excess(value: float) -> float:
             """Return a number that is positive outside the 95 % interval."""
-            return math.log(_LIKELY / max(assess(value), _TINY))
+            return math.log(_LIKELY / max(compute_p_value(value), _TINY))
 
         informants = self._count_participants(point, index)
         error = spread / math.sqrt(informants.people * informants.share)
@@ -263,7 +265,7 @@ class Population:
         high = find_crossing(excess, middle, highest, 2.5 * error)
         p = math.nan
         if lowest < 0.0 < highest:
-            p = assess(0.0)
+            p = compute_p_value(0.0)
         return Estimate(middle, low, high, spread, p, informants.people - 1.0)
 
     def _make_profile(self, index: int) -> Callable[[float], float]:
@@ -278,22 +280,22 @@ class Population:
         climbed = {middle: self.best.x}  # points of the profile by their mean
 
         @cache
-        def assess(value: float) -> float:
+        def compute_p_value(value: float) -> float:
             """Return the probability of a likelihood ratio as large if the mean is `value`."""
             nearest = min(climbed, key=lambda known: abs(known - value))
-            found = self.maximise(climbed[nearest], place, value)
+            found = self.maximise_likelihood(climbed[nearest], place, value)
             if found.x[place + 1] < self._bounds[place + 1, 0] + _ON_BOUND:
                 # participants who seem alike may lie on another hill than ones who differ
                 start = found.x.copy()
                 start[place + 1] = math.log(math.hypot(spread, value - middle))
-                wider = self.maximise(start, place, value)
+                wider = self.maximise_likelihood(start, place, value)
                 found = min(found, wider, key=lambda fit: fit.fun)
             climbed[value] = found.x
             informants = self._count_participants(found.x, index)
             ratio = 2.0 * (float(found.fun) - float(self.best.fun))
             return compute_tail_probability(ratio, informants.people, informants.share)
 
-        return assess
+        return compute_p_value
 
     def _count_participants(self, point: Array, index: int) -> _Informants:
         """Return the effective number of participants along an axis, and their share."""

@@ -131,7 +131,7 @@ class _CurveLikelihood:
         p, slopes = self.predict(point)
         return float(self.compute_loss_of(p)), slopes @ ((totals - hits) / (1.0 - p) - hits / p)
 
-    def maximise(
+    def maximise_likelihood(
         self, start: Sequence[float], held: int = -1, value: float = 0.0
     ) -> OptimizeResult:
         """Maximise the likelihood; the parameter in the place `held`, if any, stays at `value`."""
@@ -258,7 +258,9 @@ def _maximise_from_starts(likelihood: _CurveLikelihood, start: _Start) -> Optimi
         [start.middle, start.log_spread, _START_LAPSE],
         [start.middle, start.log_spread - 0.7, _START_LAPSE],
     ]
-    return min((likelihood.maximise(point) for point in starts), key=lambda fit: float(fit.fun))
+    return min(
+        (likelihood.maximise_likelihood(point) for point in starts), key=lambda fit: float(fit.fun)
+    )
 
 
 def _estimate_by_profile(
@@ -279,7 +281,7 @@ def _estimate_by_profile(
         losses = []
         for point in points:
             point[place] = value
-            losses.append(float(likelihood.maximise(point, place, value).fun))
+            losses.append(float(likelihood.maximise_likelihood(point, place, value).fun))
         return 2.0 * (min(losses) - float(best.fun)) - _CHI95
 
     value = float(best.x[place])

@@ -74,8 +74,8 @@ class Unit(StrEnum):
     MICROMETRES = "um"
 
     @property
-    def factor(self) -> float:
-        """The unit in one SI unit."""
+    def units_per_si_unit(self) -> float:
+        """How many of the unit make one SI unit."""
         return 1e6 if self is Unit.MICROMETRES else 1.0
 
 
@@ -170,7 +170,7 @@ def _make_row(
 ) -> ResultRow:
     """Lay out an estimate with its interval, in SI units, and the test beside it."""
     if unit is Unit.MICROMETRES:
-        bounds = bounds.transform(lambda length: length * unit.factor)
+        bounds = bounds.transform(lambda length: length * unit.units_per_si_unit)
     return ResultRow(
         "",
         analysis,
@@ -357,7 +357,7 @@ def _list_deviations(mixed: MixedFit, logarithmic: bool) -> Rows:
             AnalysisName.MIXED,
             f"standard deviation between {name}",
             unit,
-            estimate=deviation * unit.factor,
+            estimate=deviation * unit.units_per_si_unit,
         )
 
 
@@ -464,7 +464,7 @@ def _list_member(member: GroupMember, name: str) -> Rows:
         AnalysisName.CURVE,
         f"{name}, point of subjective equality",
         unit,
-        estimate=member.equality * unit.factor,
+        estimate=member.equality * unit.units_per_si_unit,
     )
     yield ResultRow(
         "", AnalysisName.CURVE, f"{name}, Weber fraction of the height", estimate=member.weber

@@ -145,7 +145,7 @@ class Training:
         self._staircase = Staircase(planned)
         with ExitStack() as stack:
             stack.enter_context(lock_folder(path.with_suffix("")))
-            self._answered = list(_replay(self._staircase, _read_answers(path)))
+            self._answered = list(_replay_answers(self._staircase, _read_answers(path)))
             self._next = self._staircase.choose()
             self._lock = stack.pop_all()
         today = format_timestamp(self._shown)[:_DAY_DIGITS]
@@ -257,7 +257,7 @@ class Training:
 
     def summarise(self) -> list[TrainingDay]:
         """Return what was reached on each day."""
-        return list(_summarise(self.participant, self._answered, self._staircase.level_count))
+        return list(_summarise_days(self.participant, self._answered, self._staircase.level_count))
 
     def close(self) -> None:
         """Release the training, and write progress.csv of everybody."""
@@ -344,8 +344,8 @@ def read_training(folder: str | Path) -> list[TrainingDay]:
         answers = _read_answers(path)
         if answers:
             staircase = Staircase(planned)
-            answered = list(_replay(staircase, answers))
-            days += _summarise(participant, answered, staircase.level_count)
+            answered = list(_replay_answers(staircase, answers))
+            days += _summarise_days(participant, answered, staircase.level_count)
     return days
 
 
@@ -376,7 +376,7 @@ def _read_answers(path: Path) -> list[SheetRow]:
     return read_rows(path, _READ, empty=True)
 
 
-def _replay(staircase: Staircase, answers: Sequence[SheetRow]) -> Iterator[_Answered]:
+def _replay_answers(staircase: Staircase, answers: Sequence[SheetRow]) -> Iterator[_Answered]:
     """Yield the pairs that a staircase showed, with their answers.
 
     Raises
@@ -401,7 +401,7 @@ def _find_day(answer: Row) -> str:
     return answer["answered_utc"][:_DAY_DIGITS]
 
 
-def _summarise(
+def _summarise_days(
     participant: str, answered: Sequence[_Answered], levels: int
 ) -> Iterator[TrainingDay]:
     """Yield what a participant reached on each day; `levels` is how many difficulties there are."""

@@ -57,8 +57,8 @@ class Item:
                 f"height must be positive and finite, got {self.height:g} m [block {self.identity}]"
             )
 
-    def describe(self) -> dict[str, str]:
-        """Describe the block, for whoever loads the blocks."""
+    def describe_for_loader(self) -> dict[str, str]:
+        """Return its stimulus, engraving and height as columns for whoever loads the blocks."""
         return {
             "stimulus": self.identity,
             "engraved": self.engraved,

@@ -33,7 +33,7 @@ class CurveShape(StrEnum):
     LOGISTIC = "logistic"
 
     @property
-    def quartile(self) -> float:
+    def quartile_distance(self) -> float:
         """Distance from the middle to three quarters of the rise, in spreads [1]."""
         if self is CurveShape.NORMAL:
             return Z75
@@ -120,7 +120,7 @@ def compute_curve_sensitivity(
         for spread_node, spread_weight in _list_quadrature_nodes(prior.weber_factor):
             log_spread = find_log_spread(prior.weber, shape)
             log_spread += spread_node * math.log(prior.weber_factor)
-            slopes.append(_differentiate(np.log(heights), middle, log_spread, lapse, shape))
+            slopes.append(_compute_scaled_slopes(np.log(heights), middle, log_spread, lapse, shape))
             weights.append(weight * spread_weight)
     known = [_UNKNOWN, _UNKNOWN]
     if lapse > 0.0:
@@ -130,7 +130,7 @@ def compute_curve_sensitivity(
 
 def find_log_spread(weber: float, shape: CurveShape) -> float:
     """Return ln(spread) of a curve with a Weber fraction [1]."""
-    return math.log(math.log1p(weber) / shape.quartile)
+    return math.log(math.log1p(weber) / shape.quartile_distance)
 
 
 def _list_quadrature_nodes(factor: float) -> list[tuple[float, float]]:
@@ -143,10 +143,13 @@ def _list_quadrature_nodes(factor: float) -> list[tuple[float, float]]:
     return list(zip(_NODES.tolist(), _WEIGHTS.tolist(), strict=True))
 
 
-def _differentiate(
+def _compute_scaled_slopes(
     log_heights: Array, middle: float, log_spread: float, lapse: float, shape: CurveShape
 ) -> Array:
-    """Return the slopes of a curve over the deviation of an answer, shape (heights, parameters)."""
+    """Return slopes of a curve by its parameters, each over the standard deviation of an answer.
+
+    Shape (heights, parameters).
+    """
     spread = math.exp(log_spread)
     distance = (log_heights - middle) / spread
     rise, density = shape.compute_rise(distance)

@@ -74,12 +74,12 @@ class _Expectation:
 
     @property
     def criterion(self) -> Criterion:
-        """What is to be small."""
-        return Criterion(self.sensitivity, self.target.places, self.target.spread)
+        """Criterion that is minimised."""
+        return Criterion(self.sensitivity, self.target.parameter_indices, self.target.spread_index)
 
     @property
-    def unit(self) -> int:
-        """Trials that stay together."""
+    def inseparable_trials(self) -> int:
+        """How many trials stay together."""
         if self.target is Target.EXPONENT:
             return 1
         return _UNIT_OF_PAIRS
@@ -87,13 +87,14 @@ class _Expectation:
     def list_intervals(self, trials: Array) -> tuple[ExpectedInterval, ...]:
         """Return the intervals that trials at each candidate give."""
         if self.target is Target.EXPONENT:
-            return (self.expect(Target.EXPONENT, trials),)
-        return self.expect(Target.THRESHOLD, trials), self.expect(Target.JND, trials)
+            return (self.predict_interval(Target.EXPONENT, trials),)
+        threshold = self.predict_interval(Target.THRESHOLD, trials)
+        return threshold, self.predict_interval(Target.JND, trials)
 
-    def expect(self, quantity: Target, trials: Array) -> ExpectedInterval:
+    def predict_interval(self, quantity: Target, trials: Array) -> ExpectedInterval:
         """Return the interval of a quantity: Student's of an exponent, else of the logarithm."""
-        criterion = Criterion(self.sensitivity, quantity.places, quantity.spread)
-        log_variance = criterion.assess(trials)
+        criterion = Criterion(self.sensitivity, quantity.parameter_indices, quantity.spread_index)
+        log_variance = criterion.compute_value(trials)
         error = math.exp(0.5 * log_variance)
         if quantity is Target.EXPONENT:
             reach = float(t.ppf(0.975, trials.sum() - 2.0)) * error
@@ -109,7 +110,7 @@ class _Expectation:
 
     def reaches(self, trials: Array, width: float) -> bool:
         """Tell whether the interval of the target is at most so wide."""
-        return self.expect(self.target, trials).width <= width
+        return self.predict_interval(self.target, trials).width <= width
 
     def find_needed_trials(self, shares: Array, width: float, multiple: int) -> int | None:
         """Return the least number of trials, in some shares, whose interval has a width.
@@ -134,7 +135,7 @@ class _Expectation:
                 low = middle
         return high * multiple
 
-    def describe(self, trials: Array, width: float | None, multiple: int) -> Placement:
+    def build_placement(self, trials: Array, width: float | None, multiple: int) -> Placement:
         """Describe trials at each candidate, and find how many reach a width, if any is given."""
         needed = None
         if width is not None:
@@ -167,20 +168,22 @@ class _Shape:
     unit: int
 
     @property
-    def multiple(self) -> int:
-        """What the number of trials is a whole multiple of."""
+    def trial_multiple(self) -> int:
+        """Number of which the number of trials is a whole multiple."""
         if self.same_trials:
             return self.unit * self.number
         return self.unit
 
     @property
-    def fewest(self) -> int:
-        """Trials that the least number of heights needs."""
+    def fewest_trials(self) -> int:
+        """Fewest trials that the least number of heights needs."""
         return self.unit * self.number
 
     def round_up(self, trials: int) -> int:
         """Return the next number of trials that the shape can have."""
-        return self.multiple * math.ceil(max(trials, self.fewest) / self.multiple)
+        return self.trial_multiple * math.ceil(
+            max(trials, self.fewest_trials) / self.trial_multiple
+        )
 
 
 def _compute_weber_fraction(log_ratio: float) -> float:
@@ -281,7 +284,7 @@ def place_heights(
         expectation = _expect_curve(goal, candidates, height, prior, lapse, curve)
     _check_count("number", number, _FEWEST_HEIGHTS, len(candidates))
     _check_count("equal_number", equal_number, _FEWEST_HEIGHTS, _MOST_CANDIDATES)
-    shape = _Shape(number, same_trials, expectation.unit)
+    shape = _Shape(number, same_trials, expectation.inseparable_trials)
     asked = _read_width(goal, width)
     if asked is not None and trials is not None:
         raise StudyError("trials or width must be given, got both")
@@ -290,17 +293,17 @@ def place_heights(
     elif trials is None:
         trials = shape.round_up(TRIALS)
     _check_count("trials", trials, shape.unit * number, _MOST_TRIALS)
-    if trials % shape.multiple:
-        raise StudyError(f"trials must be a multiple of {shape.multiple}, got {trials}")
+    if trials % shape.trial_multiple:
+        raise StudyError(f"trials must be a multiple of {shape.trial_multiple}, got {trials}")
     best = _find_best_trials(expectation, trials, shape)
     equal = shape.unit * spread_evenly(candidates, equal_number, trials // shape.unit)
     criterion = expectation.criterion
-    loss = criterion.assess(equal) - criterion.assess(best)
+    loss = criterion.compute_value(equal) - criterion.compute_value(best)
     return HeightDesign(
         target=goal,
-        optimal=expectation.describe(best, asked, shape.multiple),
-        equal=expectation.describe(equal, asked, shape.unit),
-        efficiency=math.exp(-loss / len(goal.places)),
+        optimal=expectation.build_placement(best, asked, shape.trial_multiple),
+        equal=expectation.build_placement(equal, asked, shape.unit),
+        efficiency=math.exp(-loss / len(goal.parameter_indices)),
     )
 
 
@@ -312,8 +315,8 @@ def _find_trials_for_width(expectation: _Expectation, shape: _Shape, width: floa
     trials = shape.round_up(TRIALS)
     for _ in range(_MOST_TURNS):
         best = _find_best_trials(expectation, trials, shape)
-        needed = expectation.find_needed_trials(best / best.sum(), width, shape.multiple)
-        most_trials = shape.multiple * (_MOST_TRIALS // shape.multiple)
+        needed = expectation.find_needed_trials(best / best.sum(), width, shape.trial_multiple)
+        most_trials = shape.trial_multiple * (_MOST_TRIALS // shape.trial_multiple)
         # shares for few trials may tell too little of the lapses for any number of trials
         if needed is None or needed > most_trials:
             needed = most_trials
@@ -322,7 +325,7 @@ def _find_trials_for_width(expectation: _Expectation, shape: _Shape, width: floa
             break
         trials = needed
     while not expectation.reaches(_find_best_trials(expectation, trials, shape), width):
-        trials += shape.multiple
+        trials += shape.trial_multiple
         if trials > _MOST_TRIALS:
             raise StudyError(
                 f"width must be reached by {_MOST_TRIALS} trials, got {width:g}; ask for a wider "
@@ -347,7 +350,7 @@ def _find_best_trials(expectation: _Expectation, trials: int, shape: _Shape) -> 
     for start in _list_starts(candidates, number, units):
         exchanged = exchange_trials(criterion, start, unit, number)
         found.append(merge_heights(criterion, exchanged, unit, number))
-    return unit * min(found, key=lambda shares: round(criterion.assess(unit * shares), 9))
+    return unit * min(found, key=lambda shares: round(criterion.compute_value(unit * shares), 9))
 
 
 def _list_starts(candidates: Array, number: int, units: int) -> list[Array]:

@@ -17,15 +17,15 @@ class Target(StrEnum):
     EXPONENT = "exponent"
 
     @property
-    def places(self) -> tuple[int, ...]:
-        """Places of its parameters in a curve, or of the exponent in a line."""
+    def parameter_indices(self) -> tuple[int, ...]:
+        """Indices of its parameters in a curve, or of the exponent in a line."""
         if self is Target.BOTH:
             return MIDDLE, LOG_SPREAD
         return (_PLACES[self],)
 
     @property
-    def spread(self) -> int | None:
-        """Place of the logarithm of the spread where its error widens that of the target."""
+    def spread_index(self) -> int | None:
+        """Index of ln(spread) where its error widens that of the target; else None."""
         if self is Target.THRESHOLD:
             return LOG_SPREAD
         return None

@@ -50,7 +50,7 @@ def format_key(blocks: Mapping[str, Mapping[str, Item]]) -> str:
     rows = []
     for who, items in blocks.items():
         for code in sorted(items):
-            rows.append({"participant": who, "code": code, **items[code].describe()})
+            rows.append({"participant": who, "code": code, **items[code].describe_for_loader()})
     return format_csv(rows, ("participant", "code", "engraved", "stimulus", "height_um"))
 
 

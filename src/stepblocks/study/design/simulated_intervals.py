@@ -99,8 +99,8 @@ class Comparing:
         )
         errors = {}
         for goal in (Target.THRESHOLD, Target.JND):
-            criterion = Criterion(sensitivity, goal.places, goal.spread)
-            errors[goal] = math.exp(0.5 * criterion.assess(self.trials))
+            criterion = Criterion(sensitivity, goal.parameter_indices, goal.spread_index)
+            errors[goal] = math.exp(0.5 * criterion.compute_value(self.trials))
         return errors
 
     def compare_intervals(self, measure: str, runs: int, seed: int) -> dict[str, object]:

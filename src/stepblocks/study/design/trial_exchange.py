@@ -48,8 +48,8 @@ class Criterion:
     spread: int | None = None
 
     @property
-    def nuisances(self) -> tuple[int, ...]:
-        """Places of the parameters that are estimated and not asked for."""
+    def nuisance_indices(self) -> tuple[int, ...]:
+        """Indices of the parameters that are estimated and not asked for."""
         return self._list_places_beside(self.targets)
 
     def _list_places_beside(self, places: tuple[int, ...]) -> tuple[int, ...]:
@@ -57,10 +57,10 @@ class Criterion:
         number = self.sensitivity.known.shape[0]
         return tuple(place for place in range(number) if place not in places)
 
-    def assess(self, trials: Array) -> float:
+    def compute_value(self, trials: Array) -> float:
         """Return the criterion of trials at each height, shape (heights,)."""
         information = self.sensitivity.add_up(trials)
-        logs = _compute_log_variance(information, self.nuisances)
+        logs = _compute_log_variance(information, self.nuisance_indices)
         if self.spread is not None:
             beside_spread = self._list_places_beside((self.spread,))
             variance = np.exp(_compute_log_variance(information, beside_spread))
@@ -75,10 +75,10 @@ class Criterion:
         """
         information = self.sensitivity.add_up(trials)
         slopes = self.sensitivity.slopes
-        beside = _select_parameters(information, self.nuisances)
+        beside = _select_parameters(information, self.nuisance_indices)
         growth = np.log1p(added * _compute_quadratic_forms(information, slopes))
         gain = growth - np.log1p(
-            added * _compute_quadratic_forms(beside, slopes[..., self.nuisances])
+            added * _compute_quadratic_forms(beside, slopes[..., self.nuisance_indices])
         )
         if self.spread is not None:
             beside_spread = self._list_places_beside((self.spread,))
@@ -89,12 +89,12 @@ class Criterion:
             gain += np.log1p(_SECOND_ORDER * np.exp(log_variance))
             gain -= np.log1p(_SECOND_ORDER * np.exp(less))
         # rounded, so that the least is the same on every processor
-        return np.asarray(np.round(self.assess(trials) - self.sensitivity.weights @ gain, 9))
+        return np.asarray(np.round(self.compute_value(trials) - self.sensitivity.weights @ gain, 9))
 
 
-def _compute_log_variance(information: Array, nuisances: tuple[int, ...]) -> Array:
+def _compute_log_variance(information: Array, nuisance_indices: tuple[int, ...]) -> Array:
     """Return ln(determinant of the covariance) of all but some parameters, shape (values,)."""
-    beside = _select_parameters(information, nuisances)
+    beside = _select_parameters(information, nuisance_indices)
     return np.asarray(np.linalg.slogdet(beside)[1] - np.linalg.slogdet(information)[1])
 
 
@@ -161,13 +161,13 @@ def merge_heights(criterion: Criterion, units: Array, unit: int, fewest: int) ->
 
     Parameters and outcome are those of `exchange_trials`.
     """
-    limit = criterion.assess(unit * units) + _SPENT * len(criterion.targets)
+    limit = criterion.compute_value(unit * units) + _SPENT * len(criterion.targets)
     merged = units
     while np.count_nonzero(merged) > fewest:
         shorter = _list_merged(merged)
         losses = []
         for shares in shorter:
-            losses.append(round(criterion.assess(unit * shares), 9))
+            losses.append(round(criterion.compute_value(unit * shares), 9))
         best = int(np.argmin(losses))
         if losses[best] > limit:
             break
@@ -192,7 +192,7 @@ def _find_best_move(
     criterion: Criterion, units: Array, unit: int, chunk: int, fewest: int
 ) -> Array | None:
     """Return the units after the best move of at most a chunk; None where none improves."""
-    best = criterion.assess(unit * units) - _GAIN
+    best = criterion.compute_value(unit * units) - _GAIN
     found = None
     for source in np.flatnonzero(units).tolist():
         amount = min(chunk, int(units[source]))

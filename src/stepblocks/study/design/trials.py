@@ -369,12 +369,12 @@ def make_trial_row(
         Codes of the block and of the standard that it is compared with, if there is one.
     """
     row = {"experiment": experiment, **dict(zip(WHEN, when, strict=True))}
-    block = {**blocks[code].describe(), "code": code}
+    block = {**blocks[code].describe_for_loader(), "code": code}
     for column in _BLOCK:
         row[column] = block[column]
     facing = dict.fromkeys(_BLOCK, "")
     if standard:
-        facing = {**blocks[standard].describe(), "code": standard}
+        facing = {**blocks[standard].describe_for_loader(), "code": standard}
     for column, name in zip(_STANDARD, _BLOCK, strict=True):
         row[column] = facing[name]
     return row
