@@ -24,7 +24,7 @@ GAP = Margin(50e-6, 50e-6, 0.0)
 
 
 @pytest.mark.parametrize(
-    "tissue", [Gum().tissue(300.0), Tissue(2000.0, 0.0, 0.02), Tissue(500.0, 0.3, 0.1)]
+    "tissue", [Gum().make_tissue(300.0), Tissue(2000.0, 0.0, 0.02), Tissue(500.0, 0.3, 0.1)]
 )
 def test_the_tool_pulls_the_friction_of_the_wall_more_and_the_ledger_closes(tissue):
     bare, _ = drag_in_time(GAP, PAPER, False, 1e-3)
@@ -45,7 +45,7 @@ def test_what_the_wall_takes_is_its_friction_over_the_way_that_is_slid():
 
 def test_gum_is_a_long_tool_on_an_incompressible_half_space():
     # N = pi/4 4 G L d; tangential 2/3 of dN/dd; c = eta k / w; friction mu N
-    tissue = Gum().tissue(300.0)
+    tissue = Gum().make_tissue(300.0)
     normal = math.pi / 4.0 * 4.0 * 83e3 * 1e-3
     assert tissue.stiffness == pytest.approx(2.0 / 3.0 * normal)
     assert tissue.damping == pytest.approx(0.3 * tissue.stiffness / (math.tau * 300.0))

@@ -48,7 +48,7 @@ def test_the_nodes_of_a_track_lie_on_the_closed_form():
 
 def test_between_its_nodes_a_track_has_the_slopes_of_its_path():
     track = build_track(Margin(60e-6, 60e-6, 5e-6), R)
-    left, right = track.slopes
+    left, right = track.one_sided_slopes
     assert (left[1:] == track.slope_end).all()
     assert (right[:-1] == track.slope_start).all()
     smooth = np.setdiff1d(np.arange(track.x.size), track.kinks)
@@ -89,7 +89,7 @@ def test_a_notch_is_found_wherever_the_nodes_lie(count):
     face = Profile(x, np.clip(x, 0.0, 50e-6) + noise)
     track = build_track(face, R)
     (kink,) = track.kinks
-    before, behind = (math.degrees(math.atan(one[kink])) for one in track.slopes)
+    before, behind = (math.degrees(math.atan(one[kink])) for one in track.one_sided_slopes)
     assert before == pytest.approx(0.0, abs=0.3)
     assert behind == pytest.approx(45.0, abs=0.3)
     trace = simulate_drag(track, PAPER_DRAG, DragSettings(1.0, 0.15, speed=1e-3, ring_time=5e-3))
@@ -117,16 +117,18 @@ def test_where_a_contact_presses_a_rough_track_flat_its_energy_has_no_jump():
     pressed = track.flatten_kinks(kept, 9e-6)
     branches = track.compute_branch_cubics(kept, 2.5e-6, window)
     assert 0 < kept.size < track.kinks.size
-    left, right = pressed.slopes
+    left, right = pressed.one_sided_slopes
     smooth = np.setdiff1d(np.arange(pressed.x.size), pressed.kinks)
     assert np.abs(right - left)[smooth].max() < math.radians(2.1)
-    assert np.abs(pressed.evaluate(track.x)[0] - track.evaluate(track.x)[0]).max() < depth
+    assert (
+        np.abs(pressed.evaluate(track.x)[0] - track.find_height_and_slope(track.x)[0]).max() < depth
+    )
     places = pressed.x[pressed.kinks]
     assert places == pytest.approx(track.x[track.kinks[kept]], abs=1e-15)
     half = np.diff(places).clip(max=2.0 * window) / 2.0
     for reach, one, side in ((half, branches[:-1, 0], 0), (-half, branches[1:, 1], 1)):
         end = sum(one[:, power] * reach**power for power in range(4))
-        at = track.evaluate((places[:-1] if side == 0 else places[1:]) + reach)[0]
+        at = track.find_height_and_slope((places[:-1] if side == 0 else places[1:]) + reach)[0]
         assert (at - end).min() > 2.499e-6
 
 

@@ -51,7 +51,7 @@ def test_the_rod_of_a_probe_rings_as_declared():
     # the mass at its tip and its length are solved for: putting the rod into the model gives them
     # back
     probe = SHEATHS.probe
-    ring = probe.ring()
+    ring = probe.predict_ring()
     assert ring.frequency == pytest.approx(probe.frequency.value, rel=1e-6)
     assert ring.decay_time == pytest.approx(probe.decay_time.value, rel=1e-6)
     assert ring.stiffness == pytest.approx(probe.stiffness.value, rel=1e-6)
@@ -166,10 +166,10 @@ def test_the_first_point_of_a_grid_is_under_its_declared_laws_and_a_coefficient_
         "contact": {"law": "linear", "stiffness": "4e6 N/m"},
     }
     grid = PredictionGrid.model_validate({"normal_loads": ["0.5 N"], "laws": laws})
-    point = grid.first_point()
+    point = grid.make_first_point()
     # Stribeck at rest is the static coefficient
     assert point.friction == pytest.approx(0.3, rel=1e-12)
     assert point.friction_law is not None
     assert point.contact is not None
-    told = grid.first_point(friction=0.2)
+    told = grid.make_first_point(friction=0.2)
     assert (told.friction, told.friction_law) == (0.2, None)

@@ -55,7 +55,7 @@ def test_a_small_step_keeps_an_energy_by_the_formula_that_the_drag_does_not_rele
     assert predictions.drag_in_time(Step(10e-6), point, False, 5e-3, damping_ratio=0.02)[
         1
     ].energy == pytest.approx(0.095e-6, rel=0.01)
-    assert found.differs
+    assert found.drag_differs
     assert found.in_time.energy < 0.1e-6
 
 
@@ -64,7 +64,7 @@ def test_at_25_um_and_a_quarter_newton_the_formula_gives_an_energy_and_the_drag_
     found = predict_drag(Step(25e-6), replace(PAPER, normal_load=0.25))
     assert found.release.vibration_energy == pytest.approx(0.66e-6, rel=0.01)
     assert found.in_time.energy == 0.0
-    assert found.differs
+    assert found.drag_differs
     assert choose_energies([found, predict_drag(Step(25e-6), PAPER)])[1] == "drag"
 
 
@@ -91,8 +91,8 @@ def test_where_both_agree_the_formula_is_felt_and_the_flag_is_the_factor():
             if p.energy_over_formula > 0.0
             else math.inf
         )
-        assert p.differs == (apart > DIFFERS)
-        assert p.felt_energy == (p.in_time.energy if p.differs else p.release.vibration_energy)
+        assert p.drag_differs == (apart > DIFFERS)
+        assert p.felt_energy == (p.in_time.energy if p.drag_differs else p.release.vibration_energy)
 
 
 def test_a_set_of_too_many_rows_is_dragged_only_when_asked(monkeypatch):

@@ -31,7 +31,7 @@ def test_a_build_leaves_rings_test_and_probe_and_the_page_links_them(shipped_out
     assert rows[0]["frequency_hz"] == "300.0"
     told = json.loads((folder / "probe.json").read_text())
     assert all(one["source"] for table in ("probe", "damping_rig") for one in told[table].values())
-    assert told["follows"]["free_length_m"] == pytest.approx(SET.probe.rod().length)
+    assert told["follows"]["free_length_m"] == pytest.approx(SET.probe.make_rod().length)
     page = (shipped_output / "index.html").read_text()
     assert all(f'href="sheaths/{name}.csv"' in page for name in ("rings", "damping-test"))
     manifest = json.loads((shipped_output / "manifest.json").read_text())["outputs"]
@@ -116,7 +116,7 @@ def test_a_drag_with_a_sheath_rings_as_the_probe_in_that_sheath():
     from stepblocks.drag.subject import resolve_subject
 
     hard = next(part for part in SET.stimuli if part.id == "sheath-hard")
-    ring = SET.probe.ring(hard.sleeve)
+    ring = SET.probe.predict_ring(hard.sleeve)
     subject = resolve_subject("sheath-hard", {"friction": 0.25}, False, SHIPPED)
     tool = subject.point.tool
     assert tool.stiffness == ring.stiffness
@@ -141,7 +141,9 @@ def test_a_tolerance_of_a_sheath_moves_the_spring_by_half_of_what_its_limits_dif
     length = replace(part.length, upper=0.2e-3, lower=-0.2e-3)
     part = part.model_copy(update={"length": length})
     ends = [
-        SET.probe.ring(part.model_copy(update={"length": replace(length, nominal=end)}).sleeve)
+        SET.probe.predict_ring(
+            part.model_copy(update={"length": replace(length, nominal=end)}).sleeve
+        )
         for end in length.limits
     ]
     half = 0.5 * abs(ends[1].stiffness - ends[0].stiffness)

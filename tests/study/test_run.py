@@ -71,7 +71,7 @@ def test_energies_are_those_of_equation_one_unless_the_drag_in_time_says_otherwi
     # with the higher blocks, of whose energy the drag keeps more than twice as much, the drag
     # speaks for all
     asked = [predict_drag(block.counterface(), point) for block in stimuli.step_block]
-    assert [one.differs for one in asked] == [False, True, True, True]
+    assert [one.drag_differs for one in asked] == [False, True, True, True]
     assert list(choose_blocks(FOUR, place).predict_energies().values()) == [
         one.in_time.energy for one in asked
     ]

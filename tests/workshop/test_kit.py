@@ -163,7 +163,7 @@ def test_every_bore_is_made_in_one_setup_and_the_stock_holds_the_part(name, tmp_
     part = PARTS[name]
     page, stock = write_kit_setup(tmp_path, part)
     text = page.read_text(encoding="utf-8")
-    for number in range(1, len(part.shape.bores) + 1):
+    for number in range(1, len(part.placed_component.bores) + 1):
         assert len(re.findall(rf"\bB{number}: ", text)) == 1
     assert check_step(stock, require_ap242=True).passes
     (body,) = kernel.read_step(stock)
@@ -173,12 +173,15 @@ def test_every_bore_is_made_in_one_setup_and_the_stock_holds_the_part(name, tmp_
 
 
 def test_a_blind_bore_is_drilled_from_the_side_that_it_is_open_to():
-    shape = PARTS["carriage"].shape
+    shape = PARTS["carriage"].placed_component
     blind = [bore for bore in shape.bores if bore.thread == "M3"]
     for bore in blind:
-        assert [side for side in Side if side.opens(shape, bore)] == [Side.RIGHT]
+        assert [side for side in Side if side.gives_access_to(shape, bore)] == [Side.RIGHT]
     through = shape.bores[0]
-    assert [side for side in Side if side.opens(shape, through)] == [Side.LEFT, Side.RIGHT]
+    assert [side for side in Side if side.gives_access_to(shape, through)] == [
+        Side.LEFT,
+        Side.RIGHT,
+    ]
 
 
 def test_the_guide_shows_every_stage_and_quotes_the_budget_and_frequencies_of_the_kit():

@@ -41,8 +41,10 @@ def test_scales_are_those_that_a_drawing_uses_and_never_too_large(wanted, scale)
 
 
 def test_a_view_stretches_heights_alone_where_it_says_so():
-    assert View((100.0, 50.0), 4.0).place(1e-3, -2e-3) == pytest.approx((104.0, 42.0))
-    assert View((100.0, 50.0), 4.0, 4000.0).place(1e-3, 10e-6) == pytest.approx((104.0, 90.0))
+    assert View((100.0, 50.0), 4.0).map_to_paper(1e-3, -2e-3) == pytest.approx((104.0, 42.0))
+    assert View((100.0, 50.0), 4.0, 4000.0).map_to_paper(1e-3, 10e-6) == pytest.approx(
+        (104.0, 90.0)
+    )
 
 
 @pytest.mark.parametrize("upright", [False, True])

@@ -55,8 +55,8 @@ class FeatureRow:
             return ""
         return str(self.fault)
 
-    def mark(self, fault: TrialFault) -> "FeatureRow":
-        """Return the row of a trial whose trace contradicts its label: flagged or excluded."""
+    def with_fault(self, fault: TrialFault) -> "FeatureRow":
+        """Return the row flagged where the label is wrong, else excluded and without values."""
         if fault.kind is FaultKind.MISLABELLED:
             return replace(self, status=TrialStatus.FLAGGED, fault=fault)
         nothing = (math.nan,) * len(FEATURE_COLUMNS)
@@ -170,7 +170,7 @@ class LabelledRows:
         fault = self._faults.get(row.row)
         if fault is None or row.status is not TrialStatus.OK or row.row in self.shared:
             return row
-        return row.mark(fault)
+        return row.with_fault(fault)
 
 
 def _iterate_measured(

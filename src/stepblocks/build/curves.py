@@ -66,7 +66,9 @@ def compute_curves(stimuli: StimulusSet) -> Curves | None:
     grid = stimuli.prediction
     heights = np.array([block.height.nominal for block in blocks])
     plot = _Plot(heights, grid.tip_radii[0], max(grid.normal_loads), grid.as_tool())
-    frictions = [grid.first_point(friction=stated).friction for stated in grid.coefficients]
+    frictions = [
+        grid.make_first_point(friction=stated).friction for stated in grid.frictions_or_law
+    ]
     limit, largest_force = plot.tool.limits.first
     return Curves(
         title=(

@@ -61,7 +61,7 @@ class OutdatedStimulus:
     order: OrderSpec
 
     @property
-    def name(self) -> str:
+    def set_and_id(self) -> str:
         """Set and id, ``"set/id"``."""
         return f"{self.set_name}/{self.part.id}"
 
@@ -155,7 +155,7 @@ def _build_on_cluster(
             unpack_folder(packed.files, draft)
             sync_folder(draft)
             _replace_files(draft, output / stimulus.set_name / stimulus.part.id, packed.record)
-        yield BuiltStimulus(stimulus.name, packed.seconds)
+        yield BuiltStimulus(stimulus.set_and_id, packed.seconds)
 
 
 def list_checkable_paths(stimulus: Part, folder: Path) -> list[Path]:
@@ -178,7 +178,7 @@ def build_stimulus(output: Path, outdated: OutdatedStimulus) -> BuiltStimulus:
         record = _make_files(outdated, draft)
         sync_folder(draft)
         _replace_files(draft, output / outdated.set_name / part.id, record)
-    return BuiltStimulus(outdated.name, time.perf_counter() - started)
+    return BuiltStimulus(outdated.set_and_id, time.perf_counter() - started)
 
 
 def pack_stimulus(outdated: OutdatedStimulus) -> PackedStimulus:

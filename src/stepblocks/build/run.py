@@ -226,7 +226,7 @@ def find_changes(
     code = compute_code_fingerprint()
     selected = select_stimuli(_load_sets(_find_sources(files)), None)
     names = [f"{stimuli.name}/{stimulus.id}" for stimuli, stimulus in selected]
-    outdated = [stimulus.name for stimulus in _find_outdated(selected, Path(output), code)]
+    outdated = [stimulus.set_and_id for stimulus in _find_outdated(selected, Path(output), code)]
     is_outdated = frozenset(outdated)
     current = tuple(name for name in names if name not in is_outdated)
     return BuildChanges(tuple(outdated), current)

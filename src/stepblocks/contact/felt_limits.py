@@ -88,8 +88,8 @@ def find_felt_limits(
         raise ContactError("limits by what is felt need a drag that releases")
     slopes = compute_sensitivities(face, point, dict.fromkeys([*free, *fixed], 1.0))
     wish = _Wish(face, point, slopes, free, fixed)
-    upwards = _share_budget(wish, bounds.rise, +1.0)
-    downwards = _share_budget(wish, bounds.fall, -1.0)
+    upwards = _find_deviations_within_budget(wish, bounds.rise, +1.0)
+    downwards = _find_deviations_within_budget(wish, bounds.fall, -1.0)
     limits = {}
     for name in free:
         ends = (upwards[name], downwards[name])
@@ -148,13 +148,15 @@ def _compute_change(
     return math.log(float(energy) / nominal)
 
 
-def _share_budget(wish: _Wish, budget: float, direction: float) -> dict[str, float]:
+def _find_deviations_within_budget(
+    wish: _Wish, budget: float, direction: float
+) -> dict[str, float]:
     """Share a budget of ln E in one direction; return the signed deviation of each free input."""
     spent = _choose_corner(wish.fixed, wish.slopes, direction)
     inputs = list_inputs(wish.face, wish.point)
     signs = {name: math.copysign(1.0, direction * wish.slopes[name]) for name in wish.free}
 
-    def deviate(scale: float) -> dict[str, float]:
+    def find_deviations(scale: float) -> dict[str, float]:
         """Return the signed deviation of each free input for equal effects of a size."""
         deviations = {}
         for name in wish.free:
@@ -166,11 +168,11 @@ def _share_budget(wish: _Wish, budget: float, direction: float) -> dict[str, flo
 
     def find_excess(scale: float) -> float:
         """Return by how much the change of ln E at a scale exceeds the budget."""
-        change = _compute_change(wish.face, wish.point, spent | deviate(scale))
+        change = _compute_change(wish.face, wish.point, spent | find_deviations(scale))
         return min(abs(change), 1e6) - budget
 
     if find_excess(0.0) > 0.0:
-        change = _compute_change(wish.face, wish.point, spent | deviate(0.0))
+        change = _compute_change(wish.face, wish.point, spent | find_deviations(0.0))
         names = ", ".join([*wish.fixed, *(name for name in wish.free if name in FINEST)])
         raise ContactError(
             f"the energy must stay within {_format_energy_change(direction * budget)}, got "
@@ -185,11 +187,11 @@ def _share_budget(wish: _Wish, budget: float, direction: float) -> dict[str, flo
             break
         outside *= 2.0
     else:  # nothing that can become smaller takes the energy out of its bounds
-        return deviate(outside)
+        return find_deviations(outside)
     # loaded here, since every declaration that is read imports this module
     from scipy.optimize import brentq
 
-    return deviate(float(brentq(find_excess, 0.0, outside, xtol=_EXACT)))
+    return find_deviations(float(brentq(find_excess, 0.0, outside, xtol=_EXACT)))
 
 
 def _format_energy_change(log_change: float) -> str:

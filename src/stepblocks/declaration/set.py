@@ -227,7 +227,7 @@ class StimulusSet(Table):
         sleeve = part.sleeve
         if sleeve is None or self.probe is None:
             return None
-        return self.probe.ring(sleeve)
+        return self.probe.predict_ring(sleeve)
 
     def find_conditions(self, part: Part) -> PredictionGrid:
         """Return the conditions of a part; a sheath changes the stiffness of the probe."""
@@ -316,7 +316,7 @@ def choose_operating_point(
     fields: dict[str, Any] = {"tool": tool, "tissue": part.tissue(tool), **overrides}
     if part.ball is not None:
         fields["ball_radius"] = part.ball.nominal
-    return conditions.first_point(**fields)
+    return conditions.make_first_point(**fields)
 
 
 def make_file_model() -> type[Table]:

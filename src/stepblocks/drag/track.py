@@ -50,7 +50,7 @@ class Track(CentrePath):
     ball_radius: float  # R [m]
 
     @cached_property
-    def slopes(self) -> tuple[Array, Array]:
+    def one_sided_slopes(self) -> tuple[Array, Array]:
         """Slopes to the left and to the right of each knot [1]; they differ at a kink."""
         left = np.pad(self.slope_end, (1, 0))
         right = np.pad(self.slope_start, (0, 1))
@@ -85,7 +85,9 @@ class Track(CentrePath):
         branches[..., 2] = np.clip(branches[..., 2], lowest, _BENT_UP * level)
         return branches
 
-    def evaluate(self, x: Array, side: Literal["left", "right"] = "right") -> tuple[Array, Array]:
+    def find_height_and_slope(
+        self, x: Array, side: Literal["left", "right"] = "right"
+    ) -> tuple[Array, Array]:
         """Height [m] and slope [1] at any positions; at a knot, of the piece on one side."""
         last = self.x.size - 2
         begun = np.searchsorted(self.x, x, side=side) - 1
@@ -105,7 +107,7 @@ class Track(CentrePath):
         face = 0.0
         if touched.sum() > _LEAST_FACE * self.ball_radius:
             face = _find_weighted_median(np.diff(self.z) / np.diff(self.x), touched)
-        slope_where_landed = float(self.evaluate(np.array(landed))[1])
+        slope_where_landed = float(self.find_height_and_slope(np.array(landed))[1])
         return max(face, min(slope_where_landed, 0.0))
 
     def _find_landing_face(self, place: int, landed: float) -> tuple[float, float]:
@@ -138,7 +140,7 @@ class Track(CentrePath):
         patch = math.sqrt(self.ball_radius * depth)
         nearest = np.minimum(gaps[:-1], gaps[1:])
         is_alone = nearest > 2.0 * max(window, patch)
-        left, right = self.slopes
+        left, right = self.one_sided_slopes
         turn = np.arctan(left[self.kinks]) - np.arctan(right[self.kinks])
         kept: list[int] = []
         for number in np.argsort(turn, kind="stable").tolist():  # the sharpest first
@@ -156,7 +158,7 @@ class Track(CentrePath):
         height, slope, square = self.branch_coefficients[number].T[:, :, None]
         branch = height + reach * (slope + reach * square)
         kink = self.x[self.kinks][number]
-        height_of_path, _ = self.evaluate(kink + reach)
+        height_of_path, _ = self.find_height_and_slope(kink + reach)
         return np.asarray(height_of_path - branch)
 
     def compute_branch_cubics(self, kept: NDArray[np.int64], depth: float, window: float) -> Array:
@@ -170,7 +172,7 @@ class Track(CentrePath):
         reach = np.column_stack([room[1:], -room[:-1]])
         height, slope, square = self.branch_coefficients[kept].transpose(2, 0, 1)
         branch = height + reach * (slope + reach * square)
-        height_of_path, _ = self.evaluate(places[:, None] + reach)
+        height_of_path, _ = self.find_height_and_slope(places[:, None] + reach)
         apart = height_of_path - branch
         # a face ends where the other one is touched: from there on the ball rolls off its corner,
         # by x^2 / 2R
@@ -203,8 +205,8 @@ class Track(CentrePath):
         is_bent = begun > ended
         is_kept = np.isin(knots, places[kept])
         knots = knots[~is_bent | is_kept]
-        z, slope_behind = self.evaluate(knots)
-        _, slope_before = self.evaluate(knots, "left")
+        z, slope_behind = self.find_height_and_slope(knots)
+        _, slope_before = self.find_height_and_slope(knots, "left")
         return replace(
             self,
             x=knots,
@@ -225,7 +227,7 @@ class Track(CentrePath):
 
         The middle if it is flat.
         """
-        left, right = self.slopes
+        left, right = self.one_sided_slopes
         steepest = np.maximum(np.abs(left), np.abs(right))
         steep = np.flatnonzero(steepest > _FLAT)
         if steep.size == 0:
@@ -312,7 +314,7 @@ def build_profile_track(
     room = _LEAST_PIECE * ball_radius
     is_apart = np.diff(notches.position, append=math.inf) > room
     is_kink = notches.behind - notches.before > _KINK
-    kinks = notches.select(is_kink & is_apart)
+    kinks = notches.keep_wanted(is_kink & is_apart)
     nodes = _choose_nodes(grid, kinks, room, ball_radius)
     path = build_profile_path(xs, zs, ball_radius, positions=nodes)
     numbers = np.searchsorted(nodes, kinks.position)
@@ -372,8 +374,8 @@ class _Notches(NamedTuple):
     before: Array  # angle of the path to the left [rad]
     behind: Array  # angle of the path to the right [rad]
 
-    def select(self, wanted: NDArray[np.bool_]) -> "_Notches":
-        """Return some of the notches."""
+    def keep_wanted(self, wanted: NDArray[np.bool_]) -> "_Notches":
+        """Return the notches of which `wanted`, shape (n,), is true."""
         return _Notches(self.position[wanted], self.before[wanted], self.behind[wanted])
 
 

@@ -46,14 +46,14 @@ class FolderClaim:
             if self._read_digest(store) != self.digest:
                 raise PipelineError(
                     f"folder holds {self.other_words}, or of another version of "
-                    f"stepblocks; choose another folder [{store.place}]"
+                    f"stepblocks; choose another folder [{store.location}]"
                 )
             return
         # looked for again: another run of the same plan may have begun meanwhile
         if store.has_any(self.results) and not self._holds_plan(store):
             raise PipelineError(
                 f"folder holds {self.result_words} without {self.file_name}; choose another "
-                f"folder [{store.place}]"
+                f"folder [{store.location}]"
             )
         text = json.dumps(self.record, indent=1, sort_keys=True) + "\n"
         store.write(self.file_name, text.encode())
@@ -69,7 +69,7 @@ class FolderClaim:
             return json.loads(content.decode("utf-8")).get("digest")
         except (OSError, ValueError, AttributeError, RecursionError) as error:
             raise PipelineError(
-                f"{self.file_name} cannot be read; choose another folder [{store.place}]"
+                f"{self.file_name} cannot be read; choose another folder [{store.location}]"
             ) from error
 
 

@@ -52,7 +52,7 @@ class Dialect:
     quote: str = '"'
 
     @property
-    def name(self) -> str:
+    def separator_in_words(self) -> str:
         """What separates the cells, in words."""
         return _NAMES.get(self.separator, repr(self.separator))
 

@@ -53,8 +53,8 @@ class FolderStore:
     folder: Path
 
     @property
-    def place(self) -> str:
-        """The folder."""
+    def location(self) -> str:
+        """Path of the folder, for messages."""
         return str(self.folder)
 
     def read(self, name: str) -> bytes | None:
@@ -86,7 +86,7 @@ class FolderStore:
         return any(self.folder.glob(pattern))
 
     @contextmanager
-    def locked(self, share: str) -> Iterator[None]:
+    def hold_share(self, share: str) -> Iterator[None]:
         """Make the folder and keep other runs of the same share out of it meanwhile."""
         with lock_folder(self.folder, share):
             yield
@@ -103,8 +103,8 @@ class ObjectStore:
     address: str
 
     @property
-    def place(self) -> str:
-        """The address."""
+    def location(self) -> str:
+        """Address of the store, for messages."""
         return self.address
 
     def read(self, name: str) -> bytes | None:
@@ -144,7 +144,7 @@ class ObjectStore:
         return any(fnmatchcase(str(path).rpartition("/")[2], pattern) for path in found)
 
     @contextmanager
-    def locked(self, share: str) -> Iterator[None]:
+    def hold_share(self, share: str) -> Iterator[None]:
         """Make sure that the store can be reached; it has no locks."""
         self.has_any("*")
         yield

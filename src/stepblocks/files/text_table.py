@@ -318,7 +318,7 @@ def parse_table(
     notes = []
     usual = "\t" if file.lower().endswith(".tsv") else ","
     if layout.separator is None and dialect.separator != usual and records:
-        notes.append(f"cells are separated by {dialect.name}")
+        notes.append(f"cells are separated by {dialect.separator_in_words}")
     raw = RawTable(records, comments, notes=tuple(notes))
     return build_table(raw, layout, file, raises, shape)
 

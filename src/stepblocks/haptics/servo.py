@@ -128,7 +128,7 @@ class Servo(threading.Thread):
         """Tick until stopped or until the log is full; say why the loop ended."""
         start = time.perf_counter()
         for tick, row in enumerate(self._log):
-            late = self._wait(start + tick * self._period)
+            late = self._wait_until(start + tick * self._period)
             if late > self._period:
                 start += late  # no burst of ticks to catch up with
             row[0] = tick * self._period
@@ -213,7 +213,7 @@ class Servo(threading.Thread):
         with suppress(Exception):  # it failed before, and is asked again at the next tick
             self.hand.apply(self._applied)
 
-    def _wait(self, due: float) -> float:
+    def _wait_until(self, due: float) -> float:
         """Sleep, then watch the clock until a tick is due; return how late it is [s]."""
         if not self._waits:
             return 0.0

@@ -84,8 +84,8 @@ def _measure_scan(path: Path, layout: TableLayout) -> dict[str, float]:
         edge = fit_edge(line.position, line.height)
         heights.append(edge.height)
         radii.append(edge.radius)
-    height, height_std = _average(heights)
-    radius, radius_std = _average(radii)
+    height, height_std = _average_independent(heights)
+    radius, radius_std = _average_independent(radii)
     return {
         "height_m": height,
         "height_std_m": height_std,
@@ -94,7 +94,7 @@ def _measure_scan(path: Path, layout: TableLayout) -> dict[str, float]:
     }
 
 
-def _average(estimates: Sequence["Estimate"]) -> tuple[float, float]:
+def _average_independent(estimates: Sequence["Estimate"]) -> tuple[float, float]:
     """Average independent estimates; the result is the mean and its standard uncertainty."""
     values = np.array([estimate.value for estimate in estimates])
     stds = np.array([estimate.std for estimate in estimates])

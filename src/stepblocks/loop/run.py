@@ -266,7 +266,7 @@ class _SessionFolder:
             sizes.scans,
             jobs=jobs,
             known=self.declared.calibration.list_known_constants(),
-            laws=self._list_known_laws(),
+            laws=self._list_declared_laws(),
             announce=announce,
         )
         title = self.declared.title or self.folder.name
@@ -296,11 +296,11 @@ class _SessionFolder:
             self.tip_radius,
             scans,
             self.declared.calibration.list_known_constants(),
-            self._list_known_laws(),
+            self._list_declared_laws(),
         )
 
-    def _list_known_laws(self) -> dict[str, Any]:
-        """List the laws of friction and contact that are declared, each by its name and numbers."""
+    def _list_declared_laws(self) -> dict[str, Any]:
+        """Return the declared laws of friction and contact by kind, each as name and numbers."""
         return self.declared.probe.model_dump(include={"friction", "contact"}, exclude_none=True)
 
 

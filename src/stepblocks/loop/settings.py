@@ -36,7 +36,7 @@ def build_grid(trials: Trials, extra: Sequence[str]) -> Trials:
     settings: dict[str, list[object]] = {}
     for name in names:
         settings[name] = _list_settings(trials, name, varied=name in (*SHOWN, *extra))
-    settings["height_um"] = [*_list_heights(trials)]
+    settings["height_um"] = [*_list_heights_um(trials)]
     rows = list(itertools.islice(itertools.product(*settings.values()), _MOST_ROWS))
     columns = {}
     for name, column in zip(settings, zip(*rows, strict=True), strict=True):
@@ -63,7 +63,7 @@ def _list_settings(trials: Trials, name: str, *, varied: bool) -> list[object]:
     return [float(np.median(numbers))]
 
 
-def _list_heights(trials: Trials) -> list[float]:
+def _list_heights_um(trials: Trials) -> list[float]:
     """List the heights of the session and round ones between them [um]."""
     seen = trials.covariates["height_um"]
     least, greatest = seen.min(), seen.max()

@@ -120,7 +120,7 @@ class PredictionGrid(Table):
         return build_laws(self.laws or {})
 
     @property
-    def coefficients(self) -> tuple[Any, ...]:
+    def frictions_or_law(self) -> tuple[Any, ...]:
         """Coefficients of friction, or the law that stands in their place."""
         if self.laws and "friction" in self.laws:
             return (self.built_laws["friction"],)
@@ -136,7 +136,7 @@ class PredictionGrid(Table):
             overtones=self.built_laws.get("tool", ()),
         )
 
-    def first_point(self, **overrides: Any) -> OperatingPoint:
+    def make_first_point(self, **overrides: Any) -> OperatingPoint:
         """Return the first of the conditions; keywords replace fields of it."""
         ball_radius = PAPER.ball_radius
         if self.tip_radii:
@@ -144,7 +144,7 @@ class PredictionGrid(Table):
         fields = {
             "ball_radius": ball_radius,
             "normal_load": self.normal_loads[0],
-            "friction": self.coefficients[0],
+            "friction": self.frictions_or_law[0],
             "tool": self.as_tool(),
             "contact": self.built_laws.get("contact"),
         }
@@ -183,7 +183,7 @@ class Gum(Table):
         0.1, "ratio", "assumed: wet with saliva"
     )
 
-    def tissue(self, frequency: float) -> Tissue:
+    def make_tissue(self, frequency: float) -> Tissue:
         """Return the wall at the frequency of a ring [Hz].
 
         A long tool on an incompressible half space: N = pi/4 E* L d with E* = 4 G (Popov 2017,
@@ -233,7 +233,7 @@ class ProbeSpec(Table):
     modulus: Annotated[Sourced, make_sourced_validator("pressure")]  # Young's modulus of the rod
     density: Annotated[Sourced, make_sourced_validator("density")]  # of the rod
 
-    def rod(self) -> Rod:
+    def make_rod(self) -> Rod:
         """Return the rod that it is taken for."""
         return fit_rod(
             self.stiffness.value,
@@ -244,9 +244,9 @@ class ProbeSpec(Table):
             self.density.value,
         )
 
-    def ring(self, sleeve: Sleeve | None = None) -> RodRing:
+    def predict_ring(self, sleeve: Sleeve | None = None) -> RodRing:
         """Predict how it rings, bare or with a sheath on its shank."""
-        return compute_rod_ring(self.rod(), sleeve)
+        return compute_rod_ring(self.make_rod(), sleeve)
 
 
 class DampingRig(Table):

@@ -185,8 +185,8 @@ def _list_releasing_conditions(
     The load scales all energies alike.
     """
     face = part.counterface()
-    for radius, friction in product(grid.tip_radii, grid.coefficients):
-        point = grid.first_point(ball_radius=radius, friction=friction)
+    for radius, friction in product(grid.tip_radii, grid.frictions_or_law):
+        point = grid.make_first_point(ball_radius=radius, friction=friction)
         if face.release(point).status is Status.RELEASES:
             yield face, point
 

@@ -4,10 +4,14 @@ import math
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    import shapely
+    from matplotlib.textpath import TextPath
 
 # outer outline, then holes, each an open polygon of points (u, v) [m]
 Letter = tuple[NDArray[np.float64], ...]
@@ -37,7 +41,7 @@ def _outline_glyph(character: str) -> _Glyph:
     return _Glyph(advance, tuple(polygons))
 
 
-def _make_path(text: str) -> Any:
+def _make_path(text: str) -> "TextPath":
     """Return matplotlib's path of a text whose capitals are 1 high."""
     import matplotlib as mpl
     from matplotlib.font_manager import FontProperties
@@ -52,7 +56,7 @@ def _find_right_end(text: str) -> float:
     return float(_make_path(text).vertices[:, 0].max())
 
 
-def _list_polygons(character: str) -> list[Any]:
+def _list_polygons(character: str) -> "list[shapely.Polygon]":
     """List the simplified polygons of a character, with their holes, as shapely holds them."""
     import shapely
 

@@ -8,7 +8,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,10 @@ from stepblocks.parts.margin_section import (
     find_frame,
     fit_sections,
 )
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
+    from trimesh import Trimesh
 
 _MOST_TRIANGLES = 5_000_000
 _SMALLEST = 2e-3  # of what is scanned: a short crown [m]
@@ -44,8 +48,8 @@ _SLOPE_DIGITS = 6
 class _ScannedTooth:
     """The shells of a scan that a margin runs along."""
 
-    mesh: Any  # trimesh.Trimesh [m]
-    line: Any  # scipy's CubicSpline of the margin, over the length of its chords [m]
+    mesh: "Trimesh"  # [m]
+    line: "CubicSpline"  # of the margin, over the length of its chords [m]
     around: Array  # points on the line, shape (n, 3) [m]
 
 
@@ -126,7 +130,7 @@ def _find_path_of_draw(offsets: Array, towards: Sequence[float], path: Path) -> 
     return draw
 
 
-def _remove_far_triangles(mesh: Any, around: Array) -> Array:
+def _remove_far_triangles(mesh: "Trimesh", around: Array) -> Array:
     """Remove the triangles far from a line, in place; return the radii of those kept [m].
 
     The radius of a triangle is its farthest corner's distance from the centre.
@@ -155,7 +159,7 @@ class _StationShape(NamedTuple):
 
 
 def _fit_station_shape(
-    mesh: Any,
+    mesh: "Trimesh",
     near: NDArray[np.int64],
     frames: list[SectionFrame],
     shown_sides: str,
@@ -218,7 +222,7 @@ def _load_tooth(path: Path, scale: float, margin: list[list[float]]) -> _Scanned
     return _ScannedTooth(mesh, line, around)
 
 
-def _refuse_unusable_mesh(mesh: Any, path: Path) -> None:
+def _refuse_unusable_mesh(mesh: "Trimesh", path: Path) -> None:
     """Refuse a mesh that is empty, too large or not finite."""
     count = len(mesh.faces)
     if not 0 < count <= _MOST_TRIANGLES or not np.isfinite(mesh.vertices).all():
@@ -228,7 +232,7 @@ def _refuse_unusable_mesh(mesh: Any, path: Path) -> None:
         )
 
 
-def _refuse_size_of_no_tooth(mesh: Any, path: Path) -> None:
+def _refuse_size_of_no_tooth(mesh: "Trimesh", path: Path) -> None:
     """Refuse a mesh [m] whose size is not that of a tooth, as in a wrong unit."""
     size = float(mesh.extents.max())
     if not _SMALLEST <= size <= _LARGEST:
@@ -267,7 +271,7 @@ def _find_shells_along(around: Array, shell_points: Sequence[Array], reach: floa
     return [index for index, share in enumerate(shares) if share >= least_share]
 
 
-def _make_closed_line(points: Array, path: Path) -> Any:
+def _make_closed_line(points: Array, path: Path) -> "CubicSpline":
     """Make a smooth closed line through points, shape (n, 3), over the length of their chords."""
     from scipy.interpolate import CubicSpline
 

@@ -58,7 +58,7 @@ def write_plots(stimuli: StimulusSet, folder: Path) -> Iterator[Path]:
             steps[part.id] = face
         elif isinstance(face, Margin):
             margins.append(face)
-    for radius, friction in product(grid.tip_radii, grid.coefficients):
+    for radius, friction in product(grid.tip_radii, grid.frictions_or_law):
         point = OperatingPoint(radius, max(grid.normal_loads), friction, grid.as_tool())
         condition = f"R{radius * 1e6:g}.mu{point.friction:g}".replace("mu0.", "mu0p")
         if steps:

@@ -104,7 +104,7 @@ def predict_with_model(
     extended = _predict_channels(design, learned.extended, learned)
     nominal = _predict_channels(design, learned.nominal, learned)
     trials = table["trial"].to_numpy()
-    result = {"trial": trials, "status": conditions.describe(extended.state.find_locked())}
+    result = {"trial": trials, "status": conditions.describe_statuses(extended.state.find_locked())}
     # first the values, then their intervals
     for ends in ({"": 0.0}, {"_low": -WIDE, "_high": WIDE}):
         for prefix, channels in (("", extended), ("nominal_", nominal)):
@@ -159,8 +159,8 @@ class _Conditions:
         """Trials that cannot be predicted."""
         return self.invalid.astype(bool)
 
-    def describe(self, is_locked: NDArray[np.bool_]) -> NDArray[np.object_]:
-        """Status of each trial in words."""
+    def describe_statuses(self, is_locked: NDArray[np.bool_]) -> NDArray[np.object_]:
+        """Return the status of each trial in words, shape (n,)."""
         status = np.where(self.outside.astype(bool), "outside-range(" + self.outside + ")", "ok")
         status = np.where(is_locked, "locked", status)
         return np.where(self.is_invalid, "invalid(" + self.invalid + ")", status)
@@ -376,7 +376,7 @@ def format_learned_columns(prediction: Prediction, learned: LearnedModel) -> dic
         nothing = (math.nan, math.nan, math.nan)
         return _format_learned("", nothing, nothing)
     height = prediction.face.far_side
-    if prediction.way != "up":
+    if prediction.edge_direction != "up":
         # an edge that is no plain step counts as the step of the same critical angle
         angle, radius = prediction.release.angle, prediction.point.ball_radius
         height = float(compute_height_at_angle(angle, radius))

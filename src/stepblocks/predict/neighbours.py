@@ -92,7 +92,7 @@ class Pair:
     neighbours: bool
     distance: JndDistance
 
-    def tabulate(self) -> dict[str, Cell | bool]:
+    def make_row(self) -> dict[str, Cell | bool]:
         """Put the pair into the columns of the table of pairs."""
         first = self.first
         point = first.point
@@ -100,7 +100,7 @@ class Pair:
         felt_energy, compared_energy = self.energies
         return {
             "set": first.set_name,
-            "drag": first.way,
+            "drag": first.edge_direction,
             "tip_radius_um": point.ball_radius * 1e6,
             "normal_load_n": point.normal_load,
             "friction": point.friction,
@@ -167,7 +167,7 @@ def compare_stimuli(
 
 def tabulate_pairs(pairs: Iterable[Pair]) -> pd.DataFrame:
     """Make a table of pairs; its columns stand even where there is no pair."""
-    rows = [pair.tabulate() for pair in pairs]
+    rows = [pair.make_row() for pair in pairs]
     return pd.DataFrame(rows, columns=list(_PAIR_COLUMNS))
 
 
@@ -236,7 +236,7 @@ def _group_by_condition(
         point = prediction.point
         condition = (
             _name_kind(prediction.face),
-            prediction.way,
+            prediction.edge_direction,
             point.ball_radius,
             point.friction,
             point.normal_load,

@@ -19,7 +19,7 @@ def write_neighbour_plots(set_name: str, pairs: Iterable[Pair], folder: Path) ->
     """Draw the neighbours of a set, one picture for each direction and tip."""
     groups: Groups = {}
     for pair in pairs:
-        condition = (pair.first.way, pair.first.point.ball_radius)
+        condition = (pair.first.edge_direction, pair.first.point.ball_radius)
         groups.setdefault(condition, []).append(pair)
     for (drag, radius), group in groups.items():
         path = folder / f"{set_name}.neighbours.{drag}.R{radius * 1e6:g}.png"

@@ -299,7 +299,7 @@ def choose_energies(compared: Sequence[Prediction]) -> tuple[list[float], str]:
     felt as a difference. An energy is NaN where nothing slips; the second value says which model
     counts.
     """
-    if not any(prediction.differs for prediction in compared):
+    if not any(prediction.drag_differs for prediction in compared):
         energies = [prediction.release.vibration_energy for prediction in compared]
         return energies, Model.FORMULA.value
     energies = []

@@ -81,7 +81,7 @@ class Prediction:
         return isinstance(self.face, FurtherStep)
 
     @property
-    def way(self) -> str:
+    def edge_direction(self) -> str:
         """Direction over an edge, whichever of its block it is."""
         if self.is_second_edge:
             return Step.ways[self.backward]
@@ -102,21 +102,21 @@ class Prediction:
         return self.in_time.energy / self.release.vibration_energy
 
     @property
-    def differs(self) -> bool:
+    def drag_differs(self) -> bool:
         """Whether drag and formula are further apart than a factor of `DIFFERS`."""
         return differs_from_formula(self.energy_over_formula)
 
     @property
     def felt_model(self) -> Model:
         """The model whose energy is felt: the formula, or the drag where the two differ."""
-        if self.differs:
+        if self.drag_differs:
             return Model.DRAG
         return Model.FORMULA
 
     @property
     def felt_energy(self) -> float:
         """Energy that is felt [J], by the model of `felt_by`; NaN where nothing is known."""
-        if self.differs and self.in_time is not None:
+        if self.drag_differs and self.in_time is not None:
             return self.in_time.energy
         return self.release.vibration_energy
 
@@ -210,7 +210,7 @@ def _predict_under_ball(
     for backward in range(len(faces[0].ways)):
         reached = [angles[backward] for angles in corner_angles]
         angles = (nominal_angles[backward], min(reached), max(reached))
-        for friction, load in product(grid.coefficients, grid.normal_loads):
+        for friction, load in product(grid.frictions_or_law, grid.normal_loads):
             point = replace(setting, ball_radius=ball.nominal, normal_load=load, friction=friction)
             releases = []
             for angle in angles:
@@ -293,7 +293,7 @@ def _compute_stiffness_tolerance(stimuli: StimulusSet, part: Part) -> float:
         for end in dimension.limits:
             changed = part.model_copy(update={name: replace(dimension, nominal=end)})
             if changed.sleeve is not None:
-                stiffnesses.append(stimuli.probe.ring(changed.sleeve).stiffness)
+                stiffnesses.append(stimuli.probe.predict_ring(changed.sleeve).stiffness)
         low, high = stiffnesses
         deviation = math.hypot(deviation, 0.5 * (high - low))
     return deviation

@@ -88,7 +88,7 @@ def _predict_condition(probe: ProbeSpec, use: Use, sheath: Sheath | None = None)
     name, mass, worn = "", 0.0, None
     if sheath is not None:
         name, mass, worn = sheath.id, sheath.mass, _convert_sheath(sheath, use)
-    rod = probe.rod()
+    rod = probe.make_rod()
     ring = compute_rod_ring(rod, worn)
     modes = compute_modes(rod, worn)
     return Condition(
@@ -281,7 +281,7 @@ def write_sheath_files(stimuli: StimulusSet, folder: Path) -> list[Path]:
     rings = tabulate_rings(stimuli)
     if not rings or stimuli.probe is None or stimuli.damping_rig is None:
         return []
-    rod = stimuli.probe.rod()
+    rod = stimuli.probe.make_rod()
     probe = {
         "schema": 1,
         "probe": stimuli.probe.record(),

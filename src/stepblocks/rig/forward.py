@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,13 @@ _RESPONSE_STEP = 1e-4  # of a logarithm, by which a response is taken
 _RADIUS_TOLERANCE = 0.01  # share by which a label may differ from the declared radius
 _COLUMNS = ("height_um", "load_n", "speed_mm_s", "tip_radius_um")
 _COMPUTED = ("none", "block", PEAK_FORCE, SPEED_OVER_LOAD)  # no columns of their own
+
+
+class Indentation(NamedTuple):
+    """How deep the edge indents the ball, a power of the force; arrays of shape (n,)."""
+
+    depth: Floats  # at 1 N [m]
+    power: Floats  # of the force across the edge [1]
 
 
 @dataclass(frozen=True)
@@ -79,13 +86,13 @@ class BenchDesign:
         return sliding / under_one_newton, at_rest / sliding
 
     @cached_property
-    def indentation(self) -> tuple[Floats, Floats] | None:
-        """Depth of the contact at 1 N [m], and the power of the load that it follows [1]."""
+    def indentation(self) -> Indentation | None:
+        """Indentation by the declared contact law; None without one."""
         if "contact" not in self.laws:
             return None
         compute = np.vectorize(self.laws["contact"].power_law, otypes=[float, float])
         stiffness, power = compute(self.tip_radius)
-        return stiffness ** (-1.0 / power), 1.0 / power
+        return Indentation(stiffness ** (-1.0 / power), 1.0 / power)
 
 
 def build_bench_design(
@@ -252,8 +259,7 @@ def build_nominal_state(design: BenchDesign, values: Mapping[str, float | Floats
     )
     if design.indentation is None:
         return state
-    depth, power = design.indentation
-    return indent_edge(state, depth, power)
+    return indent_edge(state, design.indentation.depth, design.indentation.power)
 
 
 def build_extended_state(

@@ -256,7 +256,7 @@ def _predict_in_time(scene: Scene) -> Prediction | None:
     if event.learned is not None or event.waveform is not None:
         return None
     predicted = predict_drag(scene.surface.counterface(), scene.point)
-    if not predicted.differs:
+    if not predicted.drag_differs:
         return None
     return predicted
 
@@ -299,13 +299,13 @@ def write_tooth(folder: Path, scan: Mesh, stations: Sequence[Scene], form: Scene
     form.write_tooth(folder, scan, stations)
     content = []
     for station in stations:
-        places = [_place_trigger(station, event) for event in station.events]
+        places = [_find_release_place(station, event) for event in station.events]
         content.append({**station.parameters(), "trigger_places_m": places})
     write_json(folder / "tooth.json", {"stations": content})
     write_from_template(folder / "README.md", "tooth.md", stations=stations, form=form)
 
 
-def _place_trigger(station: Scene, event: VibrationEvent) -> list[float]:
+def _find_release_place(station: Scene, event: VibrationEvent) -> list[float]:
     """Find the centre of the ball at the release [m], in the axes of the scan."""
     frame = station.frame
     place = frame.turn @ [event.trigger_position, 0.0, event.trigger_height] + frame.shift

@@ -24,7 +24,7 @@ class LeftDrafts:
         self._drafts = [*self._drafts, (draft, page)][-_MOST:]
 
     def take_over(self, path: Path) -> "Draft | None":
-        """Return the unsaved draft of a file that was left last, and keep its drafts no longer.
+        """Return the draft of a file that was left unsaved last; it is kept no longer.
 
         None where there is none. What another page still changes is left to it, and a file that
         was changed since counts before what was typed.

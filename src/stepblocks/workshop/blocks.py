@@ -232,7 +232,7 @@ class _StepOnPaper:
             choose_scale(_EDGE_LENGTH / max(radius * MILLIMETRES_PER_METRE, _SMALLEST_EDGE)),
             choose_scale(_DETAIL_HEIGHT / (height * MILLIMETRES_PER_METRE)),
         )
-        _, top = view.place(0.0, height)
+        _, top = view.map_to_paper(0.0, height)
         turns = [0.5 * math.pi]
         if radius > 0.0:
             turns = [index * math.pi / (2.0 * _ARC_STEPS) for index in range(_ARC_STEPS + 1)]
@@ -241,7 +241,7 @@ class _StepOnPaper:
         for turn in turns:
             x = radius - radius * math.cos(turn)
             z = height - radius + radius * math.sin(turn)
-            outline.append(view.place(side * x, z))
+            outline.append(view.map_to_paper(side * x, z))
         return cls(view, top, outline)
 
 
@@ -451,8 +451,8 @@ class _MarginOnPaper:
     corner: list[Point]  # of the crown
 
     @property
-    def upper(self) -> float:
-        """Coordinate y of the higher of both faces."""
+    def upper_face_y(self) -> float:
+        """Coordinate y of the higher of both faces on the paper [mm]."""
         _, tooth = self.view.origin
         return max(tooth, self.level)
 
@@ -466,10 +466,10 @@ class _MarginOnPaper:
         scale = choose_scale(_MARGIN_LENGTH / (largest * MILLIMETRES_PER_METRE))
         view = View(_MARGIN_DETAIL, scale)
         _, tooth = view.origin
-        wall, level = view.place(gap, rise)
+        wall, level = view.map_to_paper(gap, rise)
         depth_on_paper = depth * MILLIMETRES_PER_METRE * scale
         floor = tooth + max(-depth_on_paper, -_DEEPEST_GAP)
-        corner = view.place_line(margin.corner)
+        corner = view.map_line_to_paper(margin.corner)
         return cls(view, wall, level, floor, tooth - depth_on_paper < floor, corner)
 
 
@@ -529,9 +529,9 @@ def _draw_opening(sheet: Sheet, margin: MarginBlock, detail: _MarginOnPaper) -> 
     listed = sheet.listed.get("vertical_discrepancy")
     if listed is None or listed.characteristic.kind != "distance":
         return max(x + 18.0, detail.wall + 8.0)
-    crown = detail.view.place(margin.opening.nominal, margin.horizontal_discrepancy.nominal)
+    crown = detail.view.map_to_paper(margin.opening.nominal, margin.horizontal_discrepancy.nominal)
     start, end = sorted([(x, tooth), crown])
-    through = (x, detail.upper + 8.0)
+    through = (x, detail.upper_face_y + 8.0)
     sheet.draw_dimension("vertical_discrepancy", start, end, through, detail.view.scale)
     end_x, _ = end
     return end_x + 42.0  # clear of the text, which stands beside a narrow dimension
@@ -541,7 +541,7 @@ def _draw_margin_demands(sheet: Sheet, detail: _MarginOnPaper, beyond: float) ->
     """Draw datum, flatness, parallelism and roughness of both faces, the crown's from `beyond`."""
     x, tooth = detail.view.origin
     level = detail.level
-    upper = detail.upper
+    upper = detail.upper_face_y
     sheet.draw_datum((x - 54.0, tooth), "A")
     sheet.draw_tolerance_frame("flatness_lower", (x - 58.0, tooth - 28.0))
     sheet.draw_pointer_to_face((x - 44.0, tooth), (x - 44.0, tooth - 22.0))

@@ -46,12 +46,12 @@ def draw_crown_views(sheet: Sheet, crown: CrownOnTooth) -> list[str]:
     _draw_cut_body(sheet, view, tooth_section, _HATCH_ANGLES["tooth"])
     _draw_cut_body(sheet, view, crown_section, _HATCH_ANGLES["crown"])
     x, _ = view.origin
-    _, base = view.place(0.0, -root)
-    _, preparation_top = view.place(0.0, preparation)
+    _, base = view.map_to_paper(0.0, -root)
+    _, preparation_top = view.map_to_paper(0.0, preparation)
     sheet.draw_line((x, base - 5.0), (x, preparation_top + 18.0), Layer.CENTRE)
     roof = max(z for _, z in crown_section)
     _draw_crown_dimensions(sheet, crown, view, roof)
-    margin_x, margin_y = view.place(margin_radius, 0.0)
+    margin_x, margin_y = view.map_to_paper(margin_radius, 0.0)
     sheet.draw_leader((margin_x, margin_y), (margin_x + 14.0, margin_y - 8.0), "margin, detail D")
     caption = f"section {format_scale(scale)}, seated"
     sheet.write_text((x, base - 22.0), caption, alignment=Alignment.BOTTOM_CENTER)
@@ -62,7 +62,7 @@ def draw_crown_views(sheet: Sheet, crown: CrownOnTooth) -> list[str]:
 def _draw_cut_body(sheet: Sheet, view: View, section: list[Point], hatch_angle: float) -> None:
     """Draw both halves of a half section (radius, height) and hatch them."""
     for side in (1.0, -1.0):
-        points = [view.place(side * radius, z) for radius, z in section]
+        points = [view.map_to_paper(side * radius, z) for radius, z in section]
         sheet.draw_polyline(points)
         sheet.draw_hatch(points, hatch_angle)
 
@@ -82,29 +82,35 @@ def _draw_crown_dimensions(sheet: Sheet, crown: CrownOnTooth, view: View, roof: 
     radius = crown.margin_radius.nominal
     outer = radius + crown.horizontal_discrepancy.nominal
     ceiling = preparation + crown.internal_gap.nominal
-    place = view.place
+    map_to_paper = view.map_to_paper
     x, y = view.origin
-    _, base = place(0.0, -root)
-    _, roof_y = place(0.0, roof)
+    _, base = map_to_paper(0.0, -root)
+    _, roof_y = map_to_paper(0.0, roof)
     widths = {
-        "margin_diameter": _Span(place(-radius, -root), place(radius, -root), base - 10.0),
-        "crown_diameter": _Span(place(-outer, roof), place(outer, roof), roof_y + 10.0),
+        "margin_diameter": _Span(
+            map_to_paper(-radius, -root), map_to_paper(radius, -root), base - 10.0
+        ),
+        "crown_diameter": _Span(
+            map_to_paper(-outer, roof), map_to_paper(outer, roof), roof_y + 10.0
+        ),
     }
     for key, span in widths.items():
         if key in sheet.listed:
             sheet.draw_dimension(key, span.start, span.end, (x, span.level), view.scale)
-    left_side, _ = place(-1.05 * outer, 0.0)
-    right_side, _ = place(1.05 * outer, 0.0)
+    left_side, _ = map_to_paper(-1.05 * outer, 0.0)
+    right_side, _ = map_to_paper(1.05 * outer, 0.0)
     left = left_side - 10.0
     right = right_side + 54.0  # beyond the text of the diameter above
-    margin = place(-radius, 0.0)
-    foot = place(-radius, -root)
-    top = place(0.0, preparation)
+    margin = map_to_paper(-radius, 0.0)
+    foot = map_to_paper(-radius, -root)
+    top = map_to_paper(0.0, preparation)
     heights = {
         "preparation_height": _Span(margin, top, left),
         "root_length": _Span(foot, margin, left - 12.0),
         "tooth_length": _Span(foot, top, left - 6.0),
-        "shell_thickness": _Span(place(0.3 * radius, ceiling), place(0.3 * radius, roof), right),
+        "shell_thickness": _Span(
+            map_to_paper(0.3 * radius, ceiling), map_to_paper(0.3 * radius, roof), right
+        ),
     }
     for key, span in heights.items():
         if key in sheet.listed:
@@ -154,5 +160,5 @@ def _draw_in_window(sheet: Sheet, section: list[Point], radius: float, scale: fl
     for piece in getattr(inside, "geoms", [inside]):
         if piece.geom_type != "LineString":
             continue
-        line = [view.place(r - radius, z) for r, z in piece.coords]
+        line = [view.map_to_paper(r - radius, z) for r, z in piece.coords]
         sheet.draw_polyline(line)

@@ -38,13 +38,13 @@ class DimensionLine:
         start, end = sorted((a[axis], b[axis]))
         return cls(start, end, through[1 - axis], upright)
 
-    def place(self, along: float) -> Point:
-        """Return a point on the line, or on its extension."""
+    def find_point(self, along: float) -> Point:
+        """Return the point at a coordinate along the line, also beyond its ends."""
         if self.upright:
             return self.level, along
         return along, self.level
 
-    def shift(self, point: Point, along: float, across: float) -> Point:
+    def shift_point(self, point: Point, along: float, across: float) -> Point:
         """Shift a point along the line and away from it."""
         x, y = point
         if self.upright:
@@ -79,12 +79,12 @@ def lay_out_inside(
 
     Unequal deviations are `stacked`.
     """
-    middle = line.place(line.start + text_share * (line.end - line.start))
+    middle = line.find_point(line.start + text_share * (line.end - line.start))
     offset, beyond = _TEXT_OFFSET, 2.2
     if stacked:
         offset, beyond = _STACKED_OFFSET, 3.7
-    balloon = line.shift(middle, 0.5 * text_width + beyond, 4.6)
-    return DimensionLayout(line.shift(middle, 0.0, offset), balloon)
+    balloon = line.shift_point(middle, 0.5 * text_width + beyond, 4.6)
+    return DimensionLayout(line.shift_point(middle, 0.0, offset), balloon)
 
 
 def lay_out_beside(
@@ -102,6 +102,6 @@ def lay_out_beside(
         middle = line.end + reach + clearance
         far = middle + 0.5 * text_width
     offset = _STACKED_OFFSET if stacked else _TEXT_OFFSET
-    text = line.shift(line.place(middle), 0.0, offset)
-    balloon = line.shift(text, reach, 0.8)
-    return DimensionLayout(text, balloon, (line.place(line.end), line.place(far)))
+    text = line.shift_point(line.find_point(middle), 0.0, offset)
+    balloon = line.shift_point(text, reach, 0.8)
+    return DimensionLayout(text, balloon, (line.find_point(line.end), line.find_point(far)))

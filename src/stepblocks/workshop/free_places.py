@@ -17,7 +17,7 @@ class Rectangle:
     low: Point
     high: Point
 
-    def widen(self, margin: float) -> "Rectangle":
+    def add_margin(self, margin: float) -> "Rectangle":
         """Return it with a margin on every side."""
         (left, lower), (right, upper) = self.low, self.high
         return Rectangle((left - margin, lower - margin), (right + margin, upper + margin))
@@ -29,7 +29,7 @@ class Rectangle:
                 return False
         return True
 
-    def holds(self, area: "Rectangle") -> bool:
+    def contains(self, area: "Rectangle") -> bool:
         """Tell whether another area lies within it, off its outline."""
         for axis in range(2):
             if area.low[axis] <= self.low[axis] or area.high[axis] >= self.high[axis]:
@@ -44,8 +44,8 @@ class Circle:
     centre: Point
     radius: float
 
-    def strikes(self, area: Rectangle) -> bool:
-        """Tell whether its line goes through an area."""
+    def crosses(self, area: Rectangle) -> bool:
+        """Tell whether the line of the circle crosses an area."""
         x, y = self.centre
         (left, lower), (right, upper) = area.low, area.high
         nearest = math.hypot(max(left - x, 0.0, x - right), max(lower - y, 0.0, y - upper))
@@ -64,17 +64,17 @@ class DrawnLines:
 
     def is_free(self, text: Rectangle) -> bool:
         """Tell whether a text would strike nothing."""
-        wide = text.widen(_MARGIN)
-        if not self.area.holds(wide):
+        wide = text.add_margin(_MARGIN)
+        if not self.area.contains(wide):
             return False
         if any(known.overlaps(wide) for known in self.texts):
             return False
-        if any(circle.strikes(wide) for circle in self.circles):
+        if any(circle.crosses(wide) for circle in self.circles):
             return False
         return not any(_is_struck(wide, outline) for outline in self.outlines)
 
     def place_beside(self, circle: Circle, width: float, height: float) -> Point:
-        """Place a text beside a circle where it strikes nothing, as near as it can be.
+        """Place a text beside a circle where it crosses nothing, as near as it can be.
 
         Returns the middle of the text; on the circle where there is no room at all.
         """
@@ -94,7 +94,7 @@ class DrawnLines:
 
 def _is_struck(text: Rectangle, outline: Rectangle) -> bool:
     """Tell whether the outline of a rectangle goes through a text."""
-    return outline.overlaps(text) and not outline.holds(text)
+    return outline.overlaps(text) and not outline.contains(text)
 
 
 def _centre_text(x: float, y: float, width: float, height: float) -> Rectangle:

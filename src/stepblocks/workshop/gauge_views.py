@@ -78,18 +78,22 @@ def _draw_section(sheet: Sheet, base: Body, pair: GaugePair) -> None:
     view = View((middle_x, base_top), scale)
     half = base.half_length
     thickness = base.thickness.nominal
-    _draw_cut_box(sheet, view.place(-half, -thickness), view.place(half, 0.0), 0.0)
-    _draw_cut_box(sheet, view.place(-SECTION_WIDTH, 0.0), view.place(0.0, pair.lower), 90.0)
-    _draw_cut_box(sheet, view.place(0.0, 0.0), view.place(SECTION_WIDTH, pair.upper), 0.0)
-    right, _ = view.place(half, 0.0)
-    _, low = view.place(-half, -thickness)
-    upper_x, upper_y = view.place(0.7 * SECTION_WIDTH, 0.5 * pair.upper)
+    _draw_cut_box(sheet, view.map_to_paper(-half, -thickness), view.map_to_paper(half, 0.0), 0.0)
+    _draw_cut_box(
+        sheet, view.map_to_paper(-SECTION_WIDTH, 0.0), view.map_to_paper(0.0, pair.lower), 90.0
+    )
+    _draw_cut_box(
+        sheet, view.map_to_paper(0.0, 0.0), view.map_to_paper(SECTION_WIDTH, pair.upper), 0.0
+    )
+    right, _ = view.map_to_paper(half, 0.0)
+    _, low = view.map_to_paper(-half, -thickness)
+    upper_x, upper_y = view.map_to_paper(0.7 * SECTION_WIDTH, 0.5 * pair.upper)
     sheet.draw_leader((upper_x, upper_y), (right + 6.0, upper_y + 9.0), "3, upper")
-    lower_x, lower_y = view.place(-0.7 * SECTION_WIDTH, 0.5 * pair.lower)
+    lower_x, lower_y = view.map_to_paper(-0.7 * SECTION_WIDTH, 0.5 * pair.lower)
     sheet.draw_leader((lower_x, lower_y), (lower_x - 6.0, lower_y + 11.0), "2, lower")
     base_y = 0.5 * (base_top + low)
     sheet.draw_leader((right - 2.0, base_y), (right + 6.0, base_y), "1, base")
-    edge_x, edge_y = view.place(0.0, pair.upper)
+    edge_x, edge_y = view.map_to_paper(0.0, pair.upper)
     sheet.draw_leader((edge_x, edge_y), (edge_x + 6.0, edge_y + 14.0), "working edge, detail D")
     caption = f"A-A   {format_scale(scale)}, beside the holes"
     sheet.write_text((middle_x, low - 8.0), caption, alignment=Alignment.BOTTOM_CENTER)
@@ -110,20 +114,20 @@ def _draw_from_above(sheet: Sheet, base: Body) -> None:
     half_length = base.half_length
     half_width = base.half_width
     half_section = 0.5 * SECTION_LENGTH
-    left, low = view.place(-half_length, -half_width)
-    right, high = view.place(half_length, half_width)
+    left, low = view.map_to_paper(-half_length, -half_width)
+    right, high = view.map_to_paper(half_length, half_width)
     sheet.draw_rectangle((left, low), (right, high))
-    near = view.place(-SECTION_WIDTH, -half_section)
-    far = view.place(SECTION_WIDTH, half_section)
-    sheet.draw_rectangle(near, view.place(0.0, half_section))
-    sheet.draw_rectangle(view.place(0.0, -half_section), far)
+    near = view.map_to_paper(-SECTION_WIDTH, -half_section)
+    far = view.map_to_paper(SECTION_WIDTH, half_section)
+    sheet.draw_rectangle(near, view.map_to_paper(0.0, half_section))
+    sheet.draw_rectangle(view.map_to_paper(0.0, -half_section), far)
     middle_x, middle_y = _TOP_MIDDLE
     sheet.draw_cutting_line((left - 8.0, middle_y - 6.0), (right + 8.0, middle_y - 6.0), "A")
     for number, share in (("2", -0.5), ("3", 0.5)):
-        place = view.place(share * SECTION_WIDTH, 0.3 * half_section)
+        place = view.map_to_paper(share * SECTION_WIDTH, 0.3 * half_section)
         sheet.write_text(place, number, 3.5, Alignment.MIDDLE_CENTER)
     size = f"{SECTION_LENGTH * 1e3:g} x {SECTION_WIDTH * 1e3:g}"
-    tip = view.place(SECTION_WIDTH, 0.7 * half_section)
+    tip = view.map_to_paper(SECTION_WIDTH, 0.7 * half_section)
     sheet.draw_leader(tip, (right + 6.0, tip[1] + 3.0), f"2 x {size}, long sides")
     sheet.write_text((right + 10.0, tip[1] - 3.0), "together, in the middle")
     caption = f"top {format_scale(scale)}, rim of {RIM * 1e3:g} or more"

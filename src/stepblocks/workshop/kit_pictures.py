@@ -110,7 +110,7 @@ def _list_uncovered(rod: Cylinder, boxes: Sequence[Box]) -> list[Cylinder]:
     """List the pieces of a rod outside of boxes that it goes through or stands in."""
     ends = [(rod.start[rod.axis_index], rod.end[rod.axis_index])]
     for box in boxes:
-        if _surrounds(box, rod):
+        if _contains_section(box, rod):
             ends = _cut_gap_out(ends, (box.low[rod.axis_index], box.high[rod.axis_index]))
     pieces = []
     for start, end in ends:
@@ -121,7 +121,7 @@ def _list_uncovered(rod: Cylinder, boxes: Sequence[Box]) -> list[Cylinder]:
     return pieces
 
 
-def _surrounds(box: Box, rod: Cylinder) -> bool:
+def _contains_section(box: Box, rod: Cylinder) -> bool:
     """Tell whether a box has the section of a rod within it."""
     around = rod.box
     for axis in rod.cross_axis_indices:
@@ -161,13 +161,13 @@ def _list_box_faces(box: Box) -> list[_Face]:
         first, second = (k for k in range(3) if k != axis)
         corners = []
         for a, b in ((box.low, box.low), (box.high, box.low), (box.high, box.high)):
-            corners.append(_make_corner(axis, seen, first, a, second, b))
-        corners.append(_make_corner(axis, seen, first, box.low, second, box.high))
+            corners.append(_combine_corner(axis, seen, first, a, second, b))
+        corners.append(_combine_corner(axis, seen, first, box.low, second, box.high))
         faces.append(_Face(_project_on_picture(np.array(corners)), _SHADES[axis]))
     return faces
 
 
-def _make_corner(
+def _combine_corner(
     axis: int, seen: Point3, first: int, of_first: Point3, second: int, of_second: Point3
 ) -> list[float]:
     """Make a corner of a face square to an axis, of coordinates of three points [m]."""

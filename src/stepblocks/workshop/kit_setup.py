@@ -43,8 +43,8 @@ class Side(Enum):
         label, _, _ = self.value
         return label
 
-    def opens(self, component: Component, bore: Cylinder) -> bool:
-        """Tell whether a bore is open to this side, so that a drill comes in from it."""
+    def gives_access_to(self, component: Component, bore: Cylinder) -> bool:
+        """Tell whether a bore is open to this side, so that a drill can enter from it."""
         _, axis, way = self.value
         if bore.axis_index != axis:
             return False
@@ -86,7 +86,7 @@ def write_kit_setup(folder: Path, part: KitPart) -> list[Path]:
     list of Path
         The sheet as HTML and the stock as STEP.
     """
-    component = part.shape
+    component = part.placed_component
     stock = choose_stock(component)
     setups = _list_setups(component)
     text = render_page(
@@ -124,7 +124,7 @@ def _list_setups(component: Component) -> list[tuple[SetupLine, list[Cylinder]]]
     setups: list[tuple[SetupLine, list[Cylinder]]] = []
     waiting = list(component.bores)
     for side in Side:
-        bores = [bore for bore in waiting if side.opens(component, bore)]
+        bores = [bore for bore in waiting if side.gives_access_to(component, bore)]
         # base and top are milled in any case
         if not bores and side not in (Side.BASE, Side.TOP):
             continue

@@ -84,7 +84,7 @@ class _PlacedView:
     scale: float
     extent: Box
 
-    def place(self, x: float, y: float) -> Point:
+    def map_to_paper(self, x: float, y: float) -> Point:
         """Return the place on the paper of a point by its coordinates across and up [m]."""
         direction = self.direction
         offset = x - self.extent.low[direction.across]
@@ -102,7 +102,7 @@ class _PlacedView:
 
 def draw_kit_part_views(sheet: Sheet, part: KitPart) -> list[str]:
     """Draw a part of the apparatus; return the lines of its notes."""
-    component = part.shape
+    component = part.placed_component
     views = _lay_out_views(component.bounding_box, _needs_left_view(component), _LEFT, _FOOT, _ROOM)
     for view in views:
         _draw_component(sheet, view, component)
@@ -161,12 +161,12 @@ def _number_components(paper: Paper, view: _PlacedView, components: Sequence[Com
     places = []
     for number, component in enumerate(components, start=1):
         centre = component.bounding_box.centre
-        x, y = view.place(centre[view.direction.across], centre[view.direction.up])
+        x, y = view.map_to_paper(centre[view.direction.across], centre[view.direction.up])
         places.append((number, (x, y)))
     by_height = sorted(places, key=lambda place: place[1][1])
     half = len(by_height) // 2
     _, (_, lowest) = by_height[0]
-    top = view.place(0.0, view.extent.high[view.direction.up])[1] + _ROW_OFFSET
+    top = view.map_to_paper(0.0, view.extent.high[view.direction.up])[1] + _ROW_OFFSET
     middle = lowest - _ROW_OFFSET
     for row, y in ((by_height[:half], middle), (by_height[half:], top)):
         in_order = sorted(row, key=lambda place: place[1][0])
@@ -232,7 +232,7 @@ def _choose_layer(view: _PlacedView, solid: Box, boxes: Sequence[Box]) -> Layer:
     nearest = _find_near_side(solid, direction)
     for box in boxes:
         is_nearer = _find_near_side(box, direction) > nearest + _SAME
-        if is_nearer and _covers(box, solid, direction):
+        if is_nearer and _covers_in_view(box, solid, direction):
             return Layer.HIDDEN
     return Layer.OUTLINE
 
@@ -244,8 +244,8 @@ def _find_near_side(box: Box, direction: _Direction) -> float:
     return -box.low[direction.out]
 
 
-def _covers(box: Box, solid: Box, direction: _Direction) -> bool:
-    """Tell whether a box has all of another within its outline."""
+def _covers_in_view(box: Box, solid: Box, direction: _Direction) -> bool:
+    """Tell whether a box covers all of another, seen along a direction."""
     for axis in (direction.across, direction.up):
         if box.low[axis] > solid.low[axis] + _SAME or box.high[axis] < solid.high[axis] - _SAME:
             return False
@@ -282,7 +282,7 @@ def _list_half_circle(view: _PlacedView, cylinder: Cylinder) -> list[Point]:
         angle = middle + math.pi * (number / _ARC_STEPS - 0.5)
         x = cylinder.start[direction.across] + radius * math.cos(angle)
         y = cylinder.start[direction.up] + radius * math.sin(angle)
-        points.append(view.place(x, y))
+        points.append(view.map_to_paper(x, y))
     return points
 
 
@@ -320,8 +320,8 @@ def _collect_drawn_lines(view: _PlacedView, component: Component) -> DrawnLines:
 def _trace_box(view: _PlacedView, box: Box) -> Rectangle:
     """Return the outline of a box on the paper."""
     direction = view.direction
-    first = view.place(box.low[direction.across], box.low[direction.up])
-    second = view.place(box.high[direction.across], box.high[direction.up])
+    first = view.map_to_paper(box.low[direction.across], box.low[direction.up])
+    second = view.map_to_paper(box.high[direction.across], box.high[direction.up])
     (first_x, lower), (second_x, upper) = first, second
     return Rectangle((min(first_x, second_x), lower), (max(first_x, second_x), upper))
 
@@ -329,7 +329,7 @@ def _trace_box(view: _PlacedView, box: Box) -> Rectangle:
 def _trace_circle(view: _PlacedView, cylinder: Cylinder) -> Circle:
     """Return the circle of a cylinder that a view looks along."""
     direction = view.direction
-    centre = view.place(cylinder.start[direction.across], cylinder.start[direction.up])
+    centre = view.map_to_paper(cylinder.start[direction.across], cylinder.start[direction.up])
     return Circle(centre, view.scale_length(0.5 * cylinder.diameter))
 
 
@@ -363,16 +363,16 @@ def _draw_overall_dimensions(sheet: Sheet, views: Sequence[_PlacedView]) -> None
     """Draw the sizes over all: length and width at the top view, height at the front view."""
     front, top = views[0], views[1]
     low, high = top.extent.low, top.extent.high
-    corner = top.place(low[_X], low[_Y])
+    corner = top.map_to_paper(low[_X], low[_Y])
     if "length" in sheet.listed:
-        end = top.place(high[_X], low[_Y])
+        end = top.map_to_paper(high[_X], low[_Y])
         through = (corner[0], corner[1] - _DIMENSION_OFFSET)
         sheet.draw_dimension("length", corner, end, through, top.scale)
     through_left = (corner[0] - _DIMENSION_OFFSET, corner[1])
     if "width" in sheet.listed:
-        end = top.place(low[_X], high[_Y])
+        end = top.map_to_paper(low[_X], high[_Y])
         sheet.draw_dimension("width", corner, end, through_left, top.scale, upright=True)
     if "height" in sheet.listed:
-        start = front.place(low[_X], low[_Z])
-        end = front.place(low[_X], high[_Z])
+        start = front.map_to_paper(low[_X], low[_Z])
+        end = front.map_to_paper(low[_X], high[_Z])
         sheet.draw_dimension("height", start, end, through_left, front.scale, upright=True)

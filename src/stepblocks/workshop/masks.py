@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import pandas as pd
@@ -20,6 +20,9 @@ from stepblocks.files.atomic import write_atomically
 from stepblocks.files.tables import write_table
 from stepblocks.parts.kinds.step_block import MetrologyFeature, StepBlock
 from stepblocks.parts.lettering import compute_text_width, outline_text
+
+if TYPE_CHECKING:
+    from gdstk import Polygon as GdsiiPolygon
 
 Shape: TypeAlias = Any  # a polygon of shapely, or several
 Place: TypeAlias = tuple[float, float]  # x and y [um]
@@ -166,14 +169,14 @@ def _place_blocks(blocks: Sequence[StepBlock]) -> list[Place]:
     return places
 
 
-def _convert_polygon(polygon: Shape, layer: int) -> list[Any]:
+def _convert_polygon(polygon: Shape, layer: int) -> "list[GdsiiPolygon]":
     """Convert a polygon to polygons of GDSII, which have no holes."""
     gdstk = load_gdstk()
     outer = gdstk.Polygon(polygon.exterior.coords[:-1], layer)
     holes = [gdstk.Polygon(ring.coords[:-1], layer) for ring in polygon.interiors]
     if not holes:
         return [outer]
-    pieces: list[Any] = gdstk.boolean(outer, holes, "not", 0.1 * GRID, layer)
+    pieces: list[GdsiiPolygon] = gdstk.boolean(outer, holes, "not", 0.1 * GRID, layer)
     return pieces
 
 

@@ -103,7 +103,7 @@ class View:
     scale: float
     height_scale: float | None = None  # the scale of lengths where None
 
-    def place(self, x: float, z: float) -> Point:
+    def map_to_paper(self, x: float, z: float) -> Point:
         """Return the place on the paper [mm] of a point of the part [m]."""
         origin_x, origin_z = self.origin
         height_scale = self.height_scale or self.scale
@@ -111,9 +111,9 @@ class View:
         up = origin_z + z * MILLIMETRES_PER_METRE * height_scale
         return across, up
 
-    def place_line(self, points: Iterable[Point]) -> list[Point]:
+    def map_line_to_paper(self, points: Iterable[Point]) -> list[Point]:
         """Return the places on the paper [mm] of the points of a line on the part [m]."""
-        return [self.place(x, z) for x, z in points]
+        return [self.map_to_paper(x, z) for x, z in points]
 
 
 def shift_points(points: Iterable[Point], offset: Point) -> list[Point]:

@@ -259,7 +259,7 @@ def _order_part(part: Part, output: Path, capability: float, stimuli: StimulusSe
     pair: GaugePair | None = None
     missing_drawing = ""
     if isinstance(part, StepBlock):
-        routes = find_routes(part, capability, stimuli.prediction.first_point())
+        routes = find_routes(part, capability, stimuli.prediction.make_first_point())
         written.append(_write_routes(folder, part, name, routes))
         # two blocks of the set differ by this height
         has_pair = any(route.process.name == GAUGE_BLOCKS for route in routes)

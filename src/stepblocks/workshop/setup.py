@@ -147,7 +147,7 @@ def _render_setup_sheet(block: Block, routes: Sequence[Route], pair: GaugePair |
         stock=" x ".join(stock),
         reached="; ".join(_list_reaching(routes)),
         tight=_find_tight_axes(block, stock_sizes),
-        steps=_list_steps(block),
+        steps=_list_step_heights_um(block),
         second=second,
         probed=_list_probed(block),
         burr=_format_largest_burr(block),
@@ -189,7 +189,7 @@ def _format_largest_burr(part: Part) -> str:
     return f"{part.face_demands['burr'].upper * 1e6:.3g} um"
 
 
-def _list_steps(block: Block) -> list[float]:
+def _list_step_heights_um(block: Block) -> list[float]:
     """List the heights of the steps of a block [um]; none where its faces lie level."""
     heights = []
     for edge in block.list_felt_edges():
@@ -243,7 +243,7 @@ def _list_left_lines(dimensions: Sequence[LeftDimension]) -> list[LeftLine]:
     """List what the setups must leave, rounded into the limits [mm]."""
     lines = []
     for dimension in dimensions:
-        band = dimension.accepted
+        band = dimension.acceptance_band
         accepted = "-"
         if band is not None:
             low = format_millimetres(math.ceil(band.low / _ROUNDED - _SAME) * _ROUNDED, 3)

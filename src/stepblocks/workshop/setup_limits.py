@@ -80,7 +80,7 @@ class LeftDimension:
     is_least: bool = False  # only the lower limit matters
 
     @property
-    def accepted(self) -> Band | None:
+    def acceptance_band(self) -> Band | None:
         """What a measured value may be [m]: within the limits by the guard band (ISO 14253-1).
 
         None where too little is left to work to.
@@ -160,7 +160,9 @@ def list_left_dimensions(block: Block) -> list[LeftDimension]:
     )
     if mounting is not None and mounting.kind == "clearance":
         floor = _find_counterbore_floor(mounting, thickness, ground)
-        if as_ground.accepted is None:  # the depth is measured from a face that nobody can hold
+        if (
+            as_ground.acceptance_band is None
+        ):  # the depth is measured from a face that nobody can hold
             floor = Band.around(floor.middle, 0.0)
         label = "floor of the counterbores over the milled base"
         lines.append(LeftDimension(2, "counterbore_floor", label, floor))

@@ -52,7 +52,7 @@ def _draw_mirrored(
 def _place_halves(view: View, outline: Sequence[Point]) -> Iterator[list[Point]]:
     """Yield the upper, then the lower half of a section (radius, height) on the paper."""
     for side in (1.0, -1.0):
-        yield [view.place(height, side * radius) for radius, height in outline]
+        yield [view.map_to_paper(height, side * radius) for radius, height in outline]
 
 
 def _describe_shank(sheet: Sheet, tip: StraightTip) -> list[str]:
@@ -73,19 +73,19 @@ def draw_straight_tip_views(sheet: Sheet, tip: StraightTip) -> list[str]:
     end = tip.length.nominal
     view = _draw_side_view(sheet, tip, end, [])
     origin_x, origin_y = view.origin
-    corner = view.place(end, -shank)
-    axis_end, _ = view.place(end, 0.0)
-    _, lower = view.place(0.0, -shank)
+    corner = view.map_to_paper(end, -shank)
+    axis_end, _ = view.map_to_paper(end, 0.0)
+    _, lower = view.map_to_paper(0.0, -shank)
     sheet.draw_dimension(
         "shank_diameter",
         corner,
-        view.place(end, shank),
+        view.map_to_paper(end, shank),
         (axis_end + 14.0, origin_y),
         view.scale,
         upright=True,
     )
     sheet.draw_dimension("length", view.origin, corner, (origin_x, lower - 12.0), view.scale)
-    datum_x, upper = view.place(0.75 * end, shank)
+    datum_x, upper = view.map_to_paper(0.75 * end, shank)
     sheet.draw_datum_above((datum_x, upper), "A")
     _caption_side_view(sheet, view, -shank)
     _draw_ball_detail(sheet, tip)
@@ -133,12 +133,12 @@ def _lead_to_bend(sheet: Sheet, tip: HookTip, view: View, outer: list[Point]) ->
     """Draw the leaders of wire, bend and straight shank."""
     start_x, start_y = outer[-2]  # of the straight run of the shank
     end_x, end_y = outer[-1]
-    middle = view.place(0.5 * (start_x + end_x), 0.5 * (start_y + end_y))
+    middle = view.map_to_paper(0.5 * (start_x + end_x), 0.5 * (start_y + end_y))
     x, y = middle
     sheet.lead_to_characteristic("shank_diameter", middle, (x + 14.0, y - 6.0), "⌀{}")
     bend = tip.bend_radius.nominal
     half_angle = 0.5 * tip.bend_angle.nominal
-    axis = view.place(
+    axis = view.map_to_paper(
         tip.cone_end + bend * math.sin(half_angle), bend * (1.0 - math.cos(half_angle))
     )
     x, y = axis
@@ -146,7 +146,7 @@ def _lead_to_bend(sheet: Sheet, tip: HookTip, view: View, outer: list[Point]) ->
         "bend_radius", axis, (x + 18.0, y - 10.0), "R {}, axis of the wire"
     )
     sheet.lead_to_characteristic("bend_angle", axis, (x + 18.0, y - 18.0), "bent by {}")
-    near_end = view.place(0.2 * start_x + 0.8 * end_x, 0.2 * start_y + 0.8 * end_y)
+    near_end = view.map_to_paper(0.2 * start_x + 0.8 * end_x, 0.2 * start_y + 0.8 * end_y)
     x, y = near_end
     sheet.lead_to_characteristic(
         "straight_length", near_end, (x + 14.0, y - 6.0), "straight over {} from the bend"
@@ -173,8 +173,8 @@ def _draw_side_view(sheet: Sheet, tip: Tip, axis_end: float, more: list[list[Poi
     axis_y = _SIDE_Y - half_magnification * (min(across) + max(across))
     view = View((_SIDE_X, axis_y), scale)
     for line in lines:
-        sheet.draw_polyline(view.place_line(line))
-    end_x, _ = view.place(axis_end, 0.0)
+        sheet.draw_polyline(view.map_line_to_paper(line))
+    end_x, _ = view.map_to_paper(axis_end, 0.0)
     sheet.draw_line((_SIDE_X - 5.0, axis_y), (end_x + 5.0, axis_y), Layer.CENTRE)
     return view
 
@@ -182,7 +182,7 @@ def _draw_side_view(sheet: Sheet, tip: Tip, axis_end: float, more: list[list[Poi
 def _caption_side_view(sheet: Sheet, view: View, lowest: float) -> None:
     """Write the scale of the side view under its lowest point [m]."""
     origin_x, _ = view.origin
-    _, lower = view.place(0.0, lowest)
+    _, lower = view.map_to_paper(0.0, lowest)
     sheet.write_text((origin_x, lower - 26.0), f"side {format_scale(view.scale)}")
 
 
@@ -202,7 +202,7 @@ def _draw_ball_detail(sheet: Sheet, tip: Tip) -> None:
     outline.append((start_radius + (height - start_height) * slope, height))
     _draw_mirrored(sheet, view, outline)
     ball_on_paper = ball * MILLIMETRES_PER_METRE * view.scale
-    sheet.draw_circle(view.place(ball, 0.0), ball_on_paper, Layer.HIDDEN)
+    sheet.draw_circle(view.map_to_paper(ball, 0.0), ball_on_paper, Layer.HIDDEN)
     sheet.draw_line((x - 45.0, y), (x + 45.0, y), Layer.CENTRE)
     on_ball = (
         x - 40.0 + ball_on_paper * (1.0 - math.cos(1.0)),
@@ -210,7 +210,7 @@ def _draw_ball_detail(sheet: Sheet, tip: Tip) -> None:
     )
     sheet.lead_to_characteristic("ball_radius", on_ball, (x - 34.0, y + 40.0), "SR {}")
     flank_height = _FLANK_HEIGHT * ball
-    flank = view.place(flank_height, start_radius + (flank_height - start_height) * slope)
+    flank = view.map_to_paper(flank_height, start_radius + (flank_height - start_height) * slope)
     flank_x, _ = flank
     sheet.lead_to_characteristic("cone_angle", flank, (flank_x + 6.0, y - 34.0), "{} included")
     caption = f"ball {format_scale(view.scale)}"
@@ -261,17 +261,23 @@ def _draw_sheath_section(sheet: Sheet, sheath: Sheath, view: View) -> None:
     for wall in _place_halves(view, outline):
         sheet.draw_hatch(wall)
     if "edge_break" in sheet.listed:
-        corner = view.place(length - 0.5 * chamfer, half_outer - 0.5 * chamfer)
+        corner = view.map_to_paper(length - 0.5 * chamfer, half_outer - 0.5 * chamfer)
         x, y = corner
         sheet.lead_to_characteristic(
             "edge_break", corner, (x - 12.0, y + 12.0), "{} x 45°, both ends"
         )
     for end in (0.0, length):
-        sheet.draw_line(view.place(end, -half_bore), view.place(end, half_bore))
+        sheet.draw_line(view.map_to_paper(end, -half_bore), view.map_to_paper(end, half_bore))
     for chamfer_end in (chamfer, length - chamfer):
-        sheet.draw_line(view.place(chamfer_end, -half_outer), view.place(chamfer_end, -half_bore))
-        sheet.draw_line(view.place(chamfer_end, half_bore), view.place(chamfer_end, half_outer))
-    sheet.draw_line(view.place(-0.1 * length, 0.0), view.place(1.1 * length, 0.0), Layer.CENTRE)
+        sheet.draw_line(
+            view.map_to_paper(chamfer_end, -half_outer), view.map_to_paper(chamfer_end, -half_bore)
+        )
+        sheet.draw_line(
+            view.map_to_paper(chamfer_end, half_bore), view.map_to_paper(chamfer_end, half_outer)
+        )
+    sheet.draw_line(
+        view.map_to_paper(-0.1 * length, 0.0), view.map_to_paper(1.1 * length, 0.0), Layer.CENTRE
+    )
 
 
 def _draw_sheath_dimensions(sheet: Sheet, sheath: Sheath, view: View) -> None:
@@ -280,14 +286,16 @@ def _draw_sheath_dimensions(sheet: Sheet, sheath: Sheath, view: View) -> None:
     half_bore = 0.5 * sheath.bore.nominal
     half_outer = 0.5 * sheath.outer_diameter.nominal
     left, axis_y = view.origin
-    right, _ = view.place(length, 0.0)
-    lower_left = view.place(0.0, -half_outer)
-    below = view.place(0.0, -half_outer - 14.0 / (MILLIMETRES_PER_METRE * view.scale))
-    sheet.draw_dimension("length", lower_left, view.place(length, -half_outer), below, view.scale)
+    right, _ = view.map_to_paper(length, 0.0)
+    lower_left = view.map_to_paper(0.0, -half_outer)
+    below = view.map_to_paper(0.0, -half_outer - 14.0 / (MILLIMETRES_PER_METRE * view.scale))
+    sheet.draw_dimension(
+        "length", lower_left, view.map_to_paper(length, -half_outer), below, view.scale
+    )
     sheet.draw_dimension(
         "bore",
-        view.place(length, -half_bore),
-        view.place(length, half_bore),
+        view.map_to_paper(length, -half_bore),
+        view.map_to_paper(length, half_bore),
         (right + 12.0, axis_y),
         view.scale,
         upright=True,
@@ -295,12 +303,12 @@ def _draw_sheath_dimensions(sheet: Sheet, sheath: Sheath, view: View) -> None:
     sheet.draw_dimension(
         "outer_diameter",
         lower_left,
-        view.place(0.0, half_outer),
+        view.map_to_paper(0.0, half_outer),
         (left - 16.0, axis_y),
         view.scale,
         upright=True,
     )
-    middle_x, _ = view.place(0.5 * length, 0.0)
+    middle_x, _ = view.map_to_paper(0.5 * length, 0.0)
     _, lower_y = lower_left
     caption = f"section {format_scale(view.scale)}, clamp on the left"
     sheet.write_text((middle_x, lower_y - 26.0), caption, alignment=Alignment.BOTTOM_CENTER)
@@ -312,7 +320,7 @@ def _draw_sheath_end(sheet: Sheet, sheath: Sheath, view: View) -> None:
     outer = sheath.outer_diameter.nominal
     chamfer = sheath.edge_break.nominal
     half_magnification = 0.5 * MILLIMETRES_PER_METRE
-    right, _ = view.place(sheath.length.nominal, 0.0)
+    right, _ = view.map_to_paper(sheath.length.nominal, 0.0)
     _, y = view.origin
     x = right + 80.0
     for diameter in (bore, outer - 2.0 * chamfer, outer):

@@ -8,13 +8,16 @@ from collections.abc import Callable, Sequence
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from stepblocks.compute.collector import pause_collector
 from stepblocks.files.archives import pin_archive_times
 from stepblocks.parts.shapes import Mesh
+
+if TYPE_CHECKING:
+    from trimesh import Trimesh
 
 _MM = 1e3
 _IDENTIFIER = re.compile(rb"[0-9a-f]{8}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{12}")
@@ -30,7 +33,7 @@ def _load_trimesh() -> Any:
     return trimesh
 
 
-def _build_trimesh(mesh: Mesh, scale: float) -> Any:
+def _build_trimesh(mesh: Mesh, scale: float) -> "Trimesh":
     """Build a mesh of the library, its lengths in metres times a scale."""
     trimesh = _load_trimesh()
     return trimesh.Trimesh(mesh.vertices * scale, mesh.triangles, process=False, validate=False)

@@ -170,13 +170,13 @@ class Traces(ExitStack):
         """Return the row of a trial where each trial is a row of arrays; None for other layouts."""
         if self.session.acquisition.rows is None:
             return None
-        if trial not in self._places:
+        if trial not in self._row_by_trial:
             raise TraceError(FaultKind.MISSING, f"trial {trial!r} is not in the table of trials")
-        return TrialRow(self._places[trial], len(self._places))
+        return TrialRow(self._row_by_trial[trial], len(self._row_by_trial))
 
     @cached_property
-    def _places(self) -> dict[str, int]:
-        """Places of the trials in their table."""
+    def _row_by_trial(self) -> dict[str, int]:
+        """Number of the row of each trial in the table, from 0, by its name."""
         names = [trial.name for trial in open_trials(self.session)]
         return {name: place for place, name in enumerate(names)}
 

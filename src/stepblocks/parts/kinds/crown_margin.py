@@ -55,7 +55,7 @@ class CrownMargin(Part):
     def tissue(self, tool: Tool) -> Tissue:
         if self.gum is None:
             return Tissue()
-        return self.gum.tissue(tool.frequency)
+        return self.gum.make_tissue(tool.frequency)
 
     @property
     @abstractmethod

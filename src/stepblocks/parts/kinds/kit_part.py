@@ -93,7 +93,7 @@ class KitPart(Part):
                 }
 
     @property
-    def shape(self) -> Component:
+    def placed_component(self) -> Component:
         """The component with its boxes, rods and bores, in the frame of the part."""
         component = find_component(self.kit, self.component)
         x, y, z = component.bounding_box.low
@@ -101,33 +101,33 @@ class KitPart(Part):
 
     @property
     def title(self) -> str:
-        return self.shape.title
+        return self.placed_component.title
 
     def make_counterface(self, **sizes: float) -> Counterface:
         """Refuse: no tip meets it."""
         raise ContactError(f"a part of the apparatus is not felt: no tip meets it [{self.id}]")
 
     def solids(self) -> list[cad.door.Body]:
-        return [self.shape.build()]
+        return [self.placed_component.build()]
 
     def volumes(self) -> tuple[float, ...]:
-        return (self.shape.volume,)
+        return (self.placed_component.volume,)
 
     @property
     def removed_volume(self) -> float:
-        return sum(bore.volume for bore in self.shape.bores)
+        return sum(bore.volume for bore in self.placed_component.bores)
 
     def hulls(self) -> list[Manifold]:
-        shape = self.shape
+        shape = self.placed_component
         hulls = [make_hull(_list_corners(box.low, box.high)) for box in shape.boxes]
         hulls += [make_hull(_list_rod_corners(rod)) for rod in shape.rods]
         return hulls
 
     def characteristics(self) -> Iterator[Characteristic]:
-        yield from list_component_characteristics(self.shape)
+        yield from list_component_characteristics(self.placed_component)
 
     def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Verdict]:
-        extent = self.shape.bounding_box
+        extent = self.placed_component.bounding_box
         for axis, name in enumerate(_OVERALL):
             nominal = extent.high[axis] - extent.low[axis]
             coordinates = mesh.vertices[:, axis]
@@ -136,17 +136,17 @@ class KitPart(Part):
             yield Finding(f"{name} over all", nominal, measured, 2.0 * COARSE_DEFLECTION)
 
     def choose_close_up(self) -> CloseUp:
-        extent = self.shape.bounding_box
+        extent = self.placed_component.bounding_box
         sides = [high - low for low, high in zip(extent.low, extent.high, strict=True)]
         return CloseUp(1.0, 0.5 * max(sides), extent.centre)
 
     def derived(self) -> list[list[str]]:
-        return [["mass", f"{self.shape.mass * 1e3:.4g} g"], ["called", self.title]]
+        return [["mass", f"{self.placed_component.mass * 1e3:.4g} g"], ["called", self.title]]
 
     @property
     def summary(self) -> str:
         """Its sizes over all."""
-        extent = self.shape.bounding_box
+        extent = self.placed_component.bounding_box
         sides = [high - low for low, high in zip(extent.low, extent.high, strict=True)]
         sizes = " x ".join(f"{side * 1e3:.4g}" for side in sides)
         return f"{self.title}, {sizes} mm"
@@ -154,7 +154,7 @@ class KitPart(Part):
     def dimensions(self, prefix: str = "") -> Iterator[tuple[str, Dimension]]:
         """Yield what the kit declares and this part holds."""
         held: list[Dimension] = []
-        for characteristic in self.shape.held:
+        for characteristic in self.placed_component.held:
             held += characteristic.states
         for name, dimension in super().dimensions(prefix):
             if any(dimension is known for known in held):

@@ -47,7 +47,7 @@ class _Set:
     difference: float  # just noticeable [dB]
 
     @cached_property
-    def energies(self) -> Array:
+    def nominal_energies(self) -> Array:
         """Energies without a deviation [J], shape (blocks, 1)."""
         nothing = np.zeros(1)
         energies = []
@@ -60,10 +60,12 @@ class _Set:
 
         It is infinite where one of them no longer slips.
         """
-        deviated = np.repeat(self.energies, deviations.size, axis=1)
+        deviated = np.repeat(self.nominal_energies, deviations.size, axis=1)
         for index in moved:
             deviated[index] = self._compute_energies(self.blocks[index], name, deviations)
-        before = compute_distances(self.energies[:-1], self.energies[1:], self.difference)
+        before = compute_distances(
+            self.nominal_energies[:-1], self.nominal_energies[1:], self.difference
+        )
         after = compute_distances(deviated[:-1], deviated[1:], self.difference)
         slips = (np.isfinite(deviated) & (deviated > 0.0)).all(axis=0)
         change = np.full(deviations.size, np.inf)

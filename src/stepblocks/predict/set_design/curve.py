@@ -64,7 +64,7 @@ class EnergyCurve:
 
     def find_sizes(self, energy: float) -> tuple[float, ...]:
         """Find all sizes that give an energy [J], in ascending order [m]."""
-        sizes, energies = self.samples
+        sizes, energies = self.sizes_and_energies
         missed = np.log(energies / energy)  # NaN where nothing slips
         found = list(sizes[missed == 0.0])
         for index in np.flatnonzero(missed[:-1] * missed[1:] < 0.0):
@@ -83,7 +83,7 @@ class EnergyCurve:
         return tuple(float(size) for size in sorted(found))
 
     @cached_property
-    def samples(self) -> tuple[Array, Array]:
+    def sizes_and_energies(self) -> tuple[Array, Array]:
         """Sizes in ascending order [m] with their energies [J], NaN where nothing slips.
 
         Where slipping begins or ends, the last size that slips is among them.

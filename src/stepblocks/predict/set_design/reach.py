@@ -141,11 +141,11 @@ def _try_target(target: Target, curve: EnergyCurve, sizes: SizeRange) -> Placeme
         detail = f"nobody feels less than {format_quantity(threshold, 'energy', 3)}"
         return MissedTarget(target, Obstacle.BELOW_THRESHOLD, detail)
     found = curve.find_sizes(target.energy)
-    made = [size for size in found if sizes.holds(sizes.round(size))]
+    made = [size for size in found if sizes.contains(sizes.round_to_step(size))]
     if not made:
         return _explain_miss(target, curve, sizes, found)
     size, *further = made
-    made_size = sizes.round(size)
+    made_size = sizes.round_to_step(size)
     status = curve.find_release(made_size).status
     if status is not Status.RELEASES:
         asked = format_quantity(size, "length")
@@ -173,7 +173,7 @@ def _explain_miss(
     if curve.model is Model.FORMULA and pull > limit.force:
         detail = f"it takes a pull of {pull:.3g} N, the limit is {limit.force:.3g} N"
         return MissedTarget(target, _BEYOND_BY_NAME[limit.name], detail)
-    samples, energies = curve.samples
+    samples, energies = curve.sizes_and_energies
     known = np.isfinite(energies)
     if not known.any():
         status = curve.find_release(sizes.least).status
@@ -251,7 +251,7 @@ def _find_nearest(reaches: Callable[[float], bool], present: float) -> float | N
                 factor = middle
             else:
                 failing = middle
-        return _shorten(present, factor, reaches)
+        return _round_away_if_reached(present, factor, reaches)
     return None
 
 
@@ -264,8 +264,10 @@ def _list_factors() -> Iterator[tuple[float, float]]:
         before = factor
 
 
-def _shorten(present: float, factor: float, reaches: Callable[[float], bool]) -> float:
-    """Write the value at a factor with few digits, away from the present one, if that reaches."""
+def _round_away_if_reached(
+    present: float, factor: float, reaches: Callable[[float], bool]
+) -> float:
+    """Return `present` times a factor, rounded away from it to few digits if that reaches."""
     value = present * factor
     unit = 10.0 ** (math.floor(math.log10(value)) - _DIGITS + 1)
     multiple = math.floor(value / unit)

@@ -141,13 +141,13 @@ class SizeRange:
     most: float
     step: float
 
-    def round(self, size: float) -> float:
+    def round_to_step(self, size: float) -> float:
         """Round a size [m] to one that is made; it may lie outside the limits."""
         multiple = round(size / self.step)
         # as a file states it: 263 * 1e-7 m is not the float of 26.3 um
         return parse_quantity(f"{1e6 * multiple * self.step:.9g} um", "length")
 
-    def holds(self, size: float) -> bool:
+    def contains(self, size: float) -> bool:
         """Tell whether a size [m] lies within the limits."""
         slack = _ROUNDING * self.step
         return self.least - slack <= size <= self.most + slack

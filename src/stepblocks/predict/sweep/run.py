@@ -174,7 +174,7 @@ def run_sweep(
     share = ""
     if partitions is not None:
         share = f"-{wanted.start}-{wanted.stop}"
-    with store.locked(share):
+    with store.hold_share(share):
         _make_claim(plan).claim_folder(store)
         missing = [number for number in wanted if not _is_partition_complete(plan, number, store)]
         for number in missing:
@@ -184,7 +184,7 @@ def run_sweep(
             for number in _write_partitions(plan, missing, store, jobs, client):
                 if on_partition is not None:
                     on_partition(number)
-    folder: Path | str = store.place
+    folder: Path | str = store.location
     if isinstance(store, FolderStore):
         folder = store.folder
     return SweepResult(folder, plan, len(missing), len(wanted) - len(missing))
@@ -303,7 +303,7 @@ def _make_claim(plan: SweepPlan) -> FolderClaim:
 def _open_partition(store: ResultStore, number: int) -> pq.ParquetFile:
     """Open a partition for reading; one that is gone is an error that names it."""
     name = _name_partition(number)
-    gone = f"partition is gone: run the sweep again [{store.place}/{name}]"
+    gone = f"partition is gone: run the sweep again [{store.location}/{name}]"
     if isinstance(store, FolderStore):
         path = store.folder / name
         if not path.exists():

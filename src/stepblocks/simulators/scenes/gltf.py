@@ -65,8 +65,8 @@ def _describe_engine(scene: Scene, axes: str, unit: float, matrix: Array) -> dic
         triggers.append(
             {
                 "drag": event.drag,
-                "position": _list_coordinates(position_in_engine),
-                "direction": _list_coordinates(matrix @ direction),
+                "position": _list_without_negative_zero(position_in_engine),
+                "direction": _list_without_negative_zero(matrix @ direction),
             }
         )
     return {
@@ -77,7 +77,7 @@ def _describe_engine(scene: Scene, axes: str, unit: float, matrix: Array) -> dic
     }
 
 
-def _list_coordinates(place: Array) -> list[float]:
+def _list_without_negative_zero(place: Array) -> list[float]:
     """List coordinates for JSON, without a negative zero."""
     return [float(value) + 0.0 for value in place]
 

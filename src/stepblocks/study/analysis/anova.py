@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy import stats
@@ -15,6 +15,9 @@ from stepblocks.contact import Array
 from stepblocks.errors import StudyError
 from stepblocks.files.tables import Table
 from stepblocks.study.analysis.bounded import Bounded
+
+if TYPE_CHECKING:
+    from statsmodels.regression.linear_model import RegressionResultsWrapper
 
 _NO_ERROR = 1e-20  # residual sum of squares of a standardised response that counts as none [1]
 
@@ -194,7 +197,9 @@ def _check_cells(data: Table, names: dict[str, str]) -> None:
         )
 
 
-def _fit_factors(data: Table, letters: Sequence[str], interaction: bool) -> Any:
+def _fit_factors(
+    data: Table, letters: Sequence[str], interaction: bool
+) -> "RegressionResultsWrapper":
     """Fit a linear model of ``y`` with sum contrasts; return the results of statsmodels."""
     import statsmodels.formula.api as smf
 
@@ -211,7 +216,9 @@ def _fit_factors(data: Table, letters: Sequence[str], interaction: bool) -> Any:
     return fit
 
 
-def _list_terms(fit: Any, names: dict[str, str], scale: float) -> Iterator[Term]:
+def _list_terms(
+    fit: "RegressionResultsWrapper", names: dict[str, str], scale: float
+) -> Iterator[Term]:
     """Yield the type II tests of a fit; `names` are the factors by their letters."""
     from statsmodels.stats.anova import anova_lm
 

@@ -10,7 +10,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -30,6 +30,9 @@ from stepblocks.study.analysis.anova import (
     make_term,
     standardise_response,
 )
+
+if TYPE_CHECKING:
+    from statsmodels.regression.linear_model import OLS
 
 Indices = NDArray[np.int64]
 
@@ -383,7 +386,7 @@ def _test_slope(effects: LinearEstimate, count: Callable[[Array], float], scale:
     return Slope(value * scale, error * scale, df, p)
 
 
-def _make_fixed_effects(data: Table) -> Any:
+def _make_fixed_effects(data: Table) -> "OLS":
     """Return the linear model of statsmodels whose design matrix has the fixed effects."""
     import statsmodels.formula.api as smf
 
@@ -397,7 +400,7 @@ def _make_fixed_effects(data: Table) -> Any:
     return smf.ols(formula, data)
 
 
-def _make_likelihood(model: Any, data: Table) -> _Likelihood:
+def _make_likelihood(model: "OLS", data: Table) -> _Likelihood:
     """Return the likelihood of a table; refuse one with as many fixed effects as judgements."""
     cells = data.groupby(["g", "a"])
     owner, _ = pd.factorize(cells["g"].first())
