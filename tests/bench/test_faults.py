@@ -58,9 +58,9 @@ def test_rows_come_back_from_a_file_as_they_were_more_than_once():
 
 def test_a_trial_like_another_block_is_flagged_and_one_of_another_unit_loses_its_features():
     row = FeatureRow(1, "1", TrialStatus.OK, None, (), (1.0,) * len(FEATURE_COLUMNS))
-    flagged = row.mark(TrialFault(FaultKind.MISLABELLED, "x"))
+    flagged = row.with_fault(TrialFault(FaultKind.MISLABELLED, "x"))
     assert (flagged.status, flagged.values) == (TrialStatus.FLAGGED, row.values)
-    excluded = row.mark(TrialFault(FaultKind.WRONG_UNITS, "x"))
+    excluded = row.with_fault(TrialFault(FaultKind.WRONG_UNITS, "x"))
     assert excluded.status is TrialStatus.EXCLUDED
     assert all(math.isnan(value) for value in excluded.values)
 

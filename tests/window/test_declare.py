@@ -259,9 +259,9 @@ def test_what_holds_no_length_has_no_slider(entry):
 def test_a_slider_changes_one_size_of_an_entry_and_leaves_the_rest_as_typed(entry, name, changed):
     (size,) = [size for size in list_sizes(entry) if size.place_label == name]
     assert size.range.value == 25.0
-    assert changed in size.write(entry, 30.0)
-    assert len(size.write(entry, 30.0)) == len(entry)
-    assert size.write("40 mm", 30.0) == ("30 um" if name == "" else "40 mm")
+    assert changed in size.replace_in_entry(entry, 30.0)
+    assert len(size.replace_in_entry(entry, 30.0)) == len(entry)
+    assert size.replace_in_entry("40 mm", 30.0) == ("30 um" if name == "" else "40 mm")
 
 
 def test_an_end_of_a_series_moves_by_whole_distances_of_its_sizes():
@@ -432,7 +432,7 @@ def test_one_size_is_followed_within_a_tenth_of_a_second_and_a_second_by_the_dra
     spent = {False: [], True: []}
     for number in range(4):
         value = size.range.value + number * size.range.step
-        draft.write_field(place, path, size.write(draft.read_field(place, path), value))
+        draft.write_field(place, path, size.replace_in_entry(draft.read_field(place, path), value))
         begun = time.process_time()
         stimuli = draft.check().stimuli
         for dragged in (False, True):
