@@ -125,7 +125,7 @@ def _render_setup_sheet(block: Block, routes: Sequence[Route], pair: GaugePair |
     stock = [format_millimetres(size, 1) for size in stock_sizes]
     allowances = compute_allowances(block)
     left_dimensions = list_left_dimensions(block)
-    unproven = [line.label for line in left_dimensions if line.accepted is None]
+    unproven = [line.label for line in left_dimensions if line.acceptance_band is None]
     letters = _find_letters(block, allowances)
     letters_middle = format_millimetres(letters.middle, 3)
     lapped = find_lapping_removal(block).high
