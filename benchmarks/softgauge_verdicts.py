@@ -204,7 +204,8 @@ def draw_map(kind, edge, scales, roughness, random, truth):
         truth |= dict.fromkeys(("flatness_lower", "flatness_upper"), 0.25 * bow * 100.0)
     shape = edge(bow=bow)
     z = shape(across).reshape(pixels[1], fine, pixels[0], fine).mean(axis=(1, 3))
-    z = z + correlated_map(z.shape, step, 5e-9, *roughness, random)
+    amplitude, length = roughness
+    z = z + correlated_map(z.shape, step, 5e-9, amplitude, length, random)
     scale, lateral = scales
     return HeightMap(scale * z, lateral * step, lateral * step, kind)
 
@@ -221,7 +222,8 @@ def draw_profile(kind, shape, scales, roughness, random, *, stylus, step, reach)
         seen = stylus_trace(finer, shape(finer), worn, cone)
     x = np.arange(-reach, reach, step) + random.uniform(-0.5, 0.5) * step
     z = shape(x) if stylus is None else np.interp(x, finer, seen)
-    z = z + correlated_noise(len(x), step, 5e-9, *roughness, random)
+    amplitude, length = roughness
+    z = z + correlated_noise(len(x), step, 5e-9, amplitude, length, random)
     scale, lateral = scales
     z = scale * z + random.uniform(-1e-3, 1e-3) * x
     return ScannedProfile(lateral * x, z, kind)
