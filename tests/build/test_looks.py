@@ -14,7 +14,7 @@ from stepblocks.build import picture
 from stepblocks.build.curves import compute_curves
 from stepblocks.build.manifest import StimulusRecord
 from stepblocks.build.page import Section, describe_felt_ranges, write_page
-from stepblocks.build.picture import draw_part, exaggerate_heights, write_view_script
+from stepblocks.build.picture import draw_part, exaggerate_heights, write_view_call
 from stepblocks.contact.energy import Status
 from stepblocks.declaration.read import load_set
 
@@ -64,7 +64,7 @@ def test_a_picture_shows_the_part_on_either_side(tmp_path):
 
 
 def test_the_view_holds_the_bodies_in_millimetres_as_one_call(tmp_path):
-    write_view_script(tmp_path / "view.js", "box", [BOX], 30.0, 0.25e-3, (1e-3, 0.0, -2e-3))
+    write_view_call(tmp_path / "view.js", "box", [BOX], 30.0, 0.25e-3, (1e-3, 0.0, -2e-3))
     text = (tmp_path / "view.js").read_text(encoding="ascii")
     assert text.startswith("stepblocksView(")
     assert text.endswith(");\n")

@@ -11,7 +11,7 @@ from itertools import product
 from pathlib import Path
 
 from stepblocks.cad import kernel
-from stepblocks.parts.lettering import outline_text
+from stepblocks.parts.lettering import outline_centred_text
 from stepblocks.parts.stock import compute_stock
 
 GUARD = 1.65 * 2.5e-6  # a value that is accepted may be this far off in truth [m]
@@ -254,7 +254,7 @@ def _engrave(body, block, middle: float):
     engraving = block.body.engraving
     front = -block.body.half_width
     tools = []
-    for letter in outline_text(block.id.upper(), engraving.height.nominal):
+    for letter in outline_centred_text(block.id.upper(), engraving.height.nominal):
         rings = [[(float(u), front - 1e-4, middle + float(v)) for u, v in ring] for ring in letter]
         outer, *holes = rings
         tools.append(kernel.extrude(outer, (0.0, engraving.depth.nominal + 1e-4, 0.0), holes))

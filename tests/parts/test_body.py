@@ -13,11 +13,11 @@ from stepblocks.parts.body_solid import (
     WorkingFace,
     compute_half_volume,
     compute_section_volume,
-    list_half_corners,
+    list_half_hull_points,
     make_body_cuts,
 )
 from stepblocks.parts.kinds.step_block import StepBlock
-from stepblocks.parts.lettering import compute_text_width, outline_text
+from stepblocks.parts.lettering import compute_text_width, outline_centred_text
 from stepblocks.parts.shapes import make_hull
 
 BLOCK = load_shipped("paper-ten").stimuli[4]
@@ -54,7 +54,7 @@ def test_holes_are_those_of_the_standards(kind, thread, hole_mm, entry_mm):
 def test_a_half_is_a_box_with_broken_edges(chamfer):
     body = BODY.model_copy(update={"edge_break": replace(BODY.edge_break, nominal=chamfer)})
     half = 0.5 * body.length.nominal
-    pieces = make_hull(list_half_corners(body, 1.0, 0.0, [(0.0, 0.0)]))
+    pieces = make_hull(list_half_hull_points(body, 1.0, 0.0, [(0.0, 0.0)]))
     # the hull of its corners, by a library that knows no closed form
     assert pieces.volume() * 1e-9 == pytest.approx(compute_half_volume(body, half, 0.0), rel=1e-9)
     if chamfer == 0.0:
@@ -163,7 +163,7 @@ def test_an_identity_that_does_not_fit_the_front_says_how_high_letters_may_be():
 
 
 def test_letters_scale_with_their_height_and_lie_about_the_origin():
-    small, large = outline_text("STEP-010", 1e-3), outline_text("STEP-010", 2e-3)
+    small, large = outline_centred_text("STEP-010", 1e-3), outline_centred_text("STEP-010", 2e-3)
     assert len(small) == len(large) == 8
     for (one, *_), (other, *_) in zip(small, large, strict=True):
         assert np.allclose(2.0 * one, other, rtol=1e-12)
@@ -178,4 +178,4 @@ def test_a_line_is_as_long_as_its_letters():
         compute_text_width("A", 1e-3) + compute_text_width("B", 1e-3)
     )
     assert compute_text_width("A B", 1e-3) > compute_text_width("AB", 1e-3)
-    assert outline_text(" ", 1e-3) == []
+    assert outline_centred_text(" ", 1e-3) == []

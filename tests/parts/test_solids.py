@@ -158,8 +158,8 @@ straight_length = "9 mm"
 
 def test_letters_keep_their_counters():
     # An O of any sane typeface has one outline with one hole, an 8 has two.
-    from stepblocks.parts.lettering import outline_text
+    from stepblocks.parts.lettering import outline_centred_text
 
-    assert [len(holes) for _, *holes in outline_text("O", 1e-3)] == [1]
-    assert [len(holes) for _, *holes in outline_text("8", 1e-3)] == [2]
-    assert [len(holes) for _, *holes in outline_text("-", 1e-3)] == [0]
+    assert [len(holes) for _, *holes in outline_centred_text("O", 1e-3)] == [1]
+    assert [len(holes) for _, *holes in outline_centred_text("8", 1e-3)] == [2]
+    assert [len(holes) for _, *holes in outline_centred_text("-", 1e-3)] == [0]

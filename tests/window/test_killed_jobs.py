@@ -28,7 +28,7 @@ from oracles.loop_folder import write_explained_session
 from stepblocks.window import texts
 from stepblocks.window.batch_form import make_batch_command
 from stepblocks.window.build_page import make_build_command, make_order_command, make_scenes_command
-from stepblocks.window.declaration_check import make_check_command
+from stepblocks.window.declaration_check import make_declaration_check_command
 from stepblocks.window.folder import Entry, Kind
 from stepblocks.window.inspect_page import InspectionAnswers
 from stepblocks.window.jobs import JobList, JobState
@@ -98,7 +98,7 @@ JOBS = {
     "export": make_scenes_command([FILE], "forcelaw"),
     "inspect": InspectionAnswers("scan.csv", "low", FILE).make_command(),
     "inspect list": make_batch_command("scans.csv", FILE, "", "2 um"),
-    "check": make_check_command(SESSION),
+    "check": make_declaration_check_command(SESSION),
     "predict session": make_prediction_command("bench/b1", "out/b1-loop"),
     "study design": DESIGN,
     "study sheet": answer(make_sheets_command([STUDY])),

@@ -25,7 +25,7 @@ from stepblocks.parts.apparatus.loads import compute_normal_load, compute_pull
 from stepblocks.parts.apparatus.solids import make_box
 from stepblocks.parts.kinds.kit_part import KitPart
 from stepblocks.workshop import kit as kit_module
-from stepblocks.workshop.kit import find_kits, write_kit
+from stepblocks.workshop.kit import find_kits, write_kit_assembly_files
 from stepblocks.workshop.kit_setup import Side, write_kit_setup
 from stepblocks.workshop.run import order_parts
 
@@ -45,7 +45,7 @@ def read_table(path):
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     place = tmp_path_factory.mktemp("kit")
-    write_kit(place, KIT, SET.order)
+    write_kit_assembly_files(place, KIT, SET.order)
     return place
 
 
@@ -149,7 +149,7 @@ def test_a_kit_whose_parts_are_in_each_others_way_is_refused_before_anything_is_
     hook = next(part for part in COMPONENTS if part.name == "hook")
     monkeypatch.setattr(kit_module, "list_components", lambda kit: [hook, post])
     with pytest.raises(MachiningError, match=r"room over the whole travel: hook and post share"):
-        write_kit(tmp_path, KIT, SET.order)
+        write_kit_assembly_files(tmp_path, KIT, SET.order)
     assert list(tmp_path.iterdir()) == []
 
 

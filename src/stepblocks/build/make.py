@@ -224,7 +224,7 @@ def _write_artefacts(stimulus: Part, folder: Path, order: OrderSpec) -> None:
     """Write every file of a stimulus into a folder."""
     from stepblocks.artefacts.heightfield import write_height_field
     from stepblocks.artefacts.step.write import write_step_ap242
-    from stepblocks.build.picture import draw_part, write_view_script
+    from stepblocks.build.picture import draw_part, write_view_call
     from stepblocks.parts.shapes import build_convex_pieces, build_solids, mesh_solid
 
     bodies = build_solids(stimulus)
@@ -239,7 +239,7 @@ def _write_artefacts(stimulus: Part, folder: Path, order: OrderSpec) -> None:
     arrays = [(mesh.vertices, mesh.triangles) for mesh in meshes]
     exaggeration, half_width, centre = stimulus.choose_close_up()
     draw_part(folder / f"{stimulus.id}.png", arrays, exaggeration, half_width, centre)
-    write_view_script(folder / "view.js", stimulus.id, arrays, exaggeration, half_width, centre)
+    write_view_call(folder / "view.js", stimulus.id, arrays, exaggeration, half_width, centre)
     specification = json.dumps({"schema": 1, **stimulus.record()}, indent=2, allow_nan=False)
     (folder / "specification.json").write_text(specification + "\n", encoding="utf-8", newline="\n")
 

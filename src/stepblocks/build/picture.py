@@ -183,20 +183,20 @@ class _View:
     bodies: list[_ViewedBody]
 
 
-def write_view_script(
+def write_view_call(
     path: Path,
-    identity: str,
+    part_id: str,
     meshes: Sequence[Arrays],
     exaggeration: float,
     half_width: float,
     centre: Point,
 ) -> None:
-    """Write the bodies [mm] as a call of the page's function ``stepblocksView``.
+    """Write the bodies of a part as JavaScript that calls ``stepblocksView`` of the page.
 
-    The parameters are those of `draw_part`, and the id of the part.
+    The other parameters are those of `draw_part`, lengths in metres; the page gets millimetres.
     """
     view = _View(
-        id=identity,
+        id=part_id,
         unit="mm",
         exaggeration=exaggeration,
         half_width=half_width * 1e3,

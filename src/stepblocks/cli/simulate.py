@@ -44,8 +44,8 @@ app = typer.Typer()
 _OBSERVER = "Simulated participants"
 
 
-def _read_trial_counts(text: str) -> dict[str, int]:
-    """Read how many trials each block has, as ``block=trials`` separated by commas."""
+def _read_trials_per_block(text: str) -> dict[str, int]:
+    """Read how many trials each block has from pairs ``block=trials`` separated by commas."""
     read = make_whole_number_reader(1, 10_000)
     pairs = read_pairs(text, "block=trials")
     return {block: read(count) for block, count in pairs.items()}
@@ -239,7 +239,7 @@ def power(
         typer.Option(
             "--trials",
             metavar="ID=N,...",
-            parser=_read_trial_counts,
+            parser=_read_trials_per_block,
             help="of one participant with each block (threshold, jnd)",
             show_default="twice the repetitions with each",
         ),

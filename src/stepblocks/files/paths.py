@@ -41,13 +41,14 @@ def resolve_inside(folder: Path, name: str) -> Path | None:
     return path
 
 
-def is_private_folder(place: Path) -> bool:
+def is_closed_to_other_writers(folder: Path) -> bool:
     """Tell whether a folder is one of this user, into which nobody else can write.
 
-    Where users have no numbers, as on Windows, each has a folder of temporary files.
+    Others may be able to read it. A link, a file, or a path that does not exist is no such folder.
+    Where users have no numbers, as on Windows, every folder is: each has one for temporary files.
     """
     try:
-        found = place.lstat()
+        found = folder.lstat()
     except OSError:
         return False
     if not stat.S_ISDIR(found.st_mode):

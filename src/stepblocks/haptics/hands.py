@@ -14,6 +14,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from ctypes.util import find_library
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,6 +27,14 @@ _SMOOTH = 0.008  # time constant with which the hand follows what a page sends i
 _FASTEST = 0.5  # of a mouse's hand in the magnified frame [m/s]
 
 
+class HandState(NamedTuple):
+    """Where a hand is at one tick of the servo loop."""
+
+    position: Array  # shape (3,) [m]; the hand may change it at its next tick
+    velocity: Array  # shape (3,) [m/s]; the same
+    is_held: bool  # whether the dead-man switch is held
+
+
 class Hand(ABC):
     """What a servo loop asks of a device."""
 
@@ -34,8 +43,11 @@ class Hand(ABC):
     )
 
     @abstractmethod
-    def read(self) -> tuple[Array, Array, bool]:
-        """Return position [m], velocity [m/s], and whether the dead-man switch is held."""
+    def read(self) -> HandState:
+        """Return the state at this tick.
+
+        The loop calls it once in a tick; a virtual hand moves on with every call.
+        """
 
     @abstractmethod
     def apply(self, force: Array) -> None:
@@ -61,10 +73,12 @@ class Mouse(Hand):
         """Take where the page says that the mouse is [m]."""
         self._target, self._held, self._heard = x, held, time.monotonic()
 
-    def read(self) -> tuple[Array, Array, bool]:
-        """Follow the last position smoothly.
+    def read(self) -> HandState:
+        """Advance the virtual hand by one tick of 1 ms towards the last position of the page.
 
-        A hand that takes hold comes down from above its place.
+        It is held if the page says so and has sent something within the last 0.25 s. A hand that
+        takes hold comes down from above its place. The arrays are the hand's own: they change with
+        the next call, and with `apply`.
         """
         held = self._held and time.monotonic() - self._heard < _SILENCE
         if held and not self._down:
@@ -74,7 +88,7 @@ class Mouse(Hand):
         step = min(max(step, -_FASTEST * _PERIOD), _FASTEST * _PERIOD)
         self._position[0] += step
         self._velocity[0] = step / _PERIOD
-        return self._position, self._velocity, held
+        return HandState(self._position, self._velocity, held)
 
     def apply(self, force: Array) -> None:
         """Keep the load: the wall is a known spring."""
@@ -145,8 +159,8 @@ class ForceDimension(Hand):
                 f"the device must {wanted}: {self._lib.dhdErrorGetLastStr().decode()}"
             )
 
-    def read(self) -> tuple[Array, Array, bool]:
-        """Its x points to the operator, its y to the right."""
+    def read(self) -> HandState:
+        """Return the state of the device, whose x points to the operator and its y to the right."""
         places = [ctypes.byref(value) for value in self._values]
         self._require_success(
             self._lib.dhdGetPosition(*places[:3], self._one) >= 0, "tell its position"
@@ -155,7 +169,7 @@ class ForceDimension(Hand):
             self._lib.dhdGetLinearVelocity(*places[3:], self._one) >= 0, "tell its velocity"
         )
         x, y, z, u, v, w = (value.value for value in self._values)
-        return (
+        return HandState(
             np.array([y, -x, z]),
             np.array([v, -u, w]),
             bool(self._lib.dhdGetButton(0, self._one) == 1),
@@ -239,11 +253,16 @@ class OpenHaptics(Hand):
         self._lib.hdEndFrame(self._device)
         return 1  # HD_CALLBACK_CONTINUE
 
-    def read(self) -> tuple[Array, Array, bool]:
-        """Its lengths are millimetres, its y is up, its z points to the operator."""
+    def read(self) -> HandState:
+        """Return the state of the last frame.
+
+        The device gives millimetres; its y is up, its z points to the operator.
+        """
         with self._lock:
             x, y, z, u, v, w, held = self._state.tolist()
-        return np.array([x, -z, y]) * 1e-3, np.array([u, -w, v]) * 1e-3, held > 0.0
+        return HandState(
+            np.array([x, -z, y]) * 1e-3, np.array([u, -w, v]) * 1e-3, is_held=held > 0.0
+        )
 
     def apply(self, force: Array) -> None:
         """Leave the force for the next frame."""

@@ -172,7 +172,7 @@ class FaceForm:
 
 
 @dataclass(frozen=True)
-class _Axis:
+class _FaceSide:
     """One side of the rectangle that a face fills."""
 
     positions: Array  # of all points of the map along it [m]
@@ -246,8 +246,8 @@ def fit_face(x: Array, y: Array, height: Array, face: Mask) -> FaceForm:
             f"face must have at least {_LEAST_POINTS} points on two rows and columns, got "
             f"{int(used.sum())}"
         )
-    along_x = _Axis(x, x[columns[0]], x[columns[-1]], len(columns))
-    along_y = _Axis(y, y[rows[0]], y[rows[-1]], len(rows))
+    along_x = _FaceSide(x, x[columns[0]], x[columns[-1]], len(columns))
+    along_y = _FaceSide(y, y[rows[0]], y[rows[-1]], len(rows))
     powers = _list_powers(along_x.highest_degree, along_y.highest_degree)
     design = _evaluate_legendre_terms(
         along_x.compute_scaled_positions()[np.newaxis, :],
@@ -290,7 +290,7 @@ def _compute_step(positions: Array) -> float:
 
 
 def _sample_on_grid(
-    form: FaceForm, face: Mask, along_x: _Axis, along_y: _Axis, powers: list[_Powers]
+    form: FaceForm, face: Mask, along_x: _FaceSide, along_y: _FaceSide, powers: list[_Powers]
 ) -> FaceForm:
     """Return the form of a face, shape (ny, nx), sampled on a grid within the face."""
     side = np.linspace(-1.0, 1.0, _GRID)
@@ -308,7 +308,7 @@ def _sample_on_grid(
 
 
 def _add_wave_extremes(
-    form: FaceForm, waves: WavySurface, along_x: _Axis, along_y: _Axis, design: Array
+    form: FaceForm, waves: WavySurface, along_x: _FaceSide, along_y: _FaceSide, design: Array
 ) -> FaceForm:
     """Return the form of a wavy face, sampled also where its waves are highest and lowest.
 

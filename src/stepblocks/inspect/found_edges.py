@@ -88,7 +88,7 @@ def find_edges(x: Array, z: Array) -> list[FoundEdge]:
         f"profile must show a step above its noise, one that stands out {_STAND_OUT:g} times "
         "over what is usual, got none"
     )
-    windows = _compare_windows(profile)
+    windows = _find_outstanding_differences(profile)
     best = _choose_windows(windows)
     if best is None:
         _refuse_sparse_points(profile)
@@ -112,8 +112,11 @@ def _refuse_sparse_points(profile: _Profile) -> None:
         )
 
 
-def _compare_windows(profile: _Profile) -> list[_WindowDifferences]:
-    """Compare windows of growing lengths, as far as three fit into a quarter of the profile."""
+def _find_outstanding_differences(profile: _Profile) -> list[_WindowDifferences]:
+    """Find where windows of growing lengths differ by more than is usual.
+
+    Their lengths grow as far as three fit into a quarter of the profile.
+    """
     windows = []
     reach = _SHORTEST_WINDOW
     while 3 * reach <= len(profile.x) // 4:

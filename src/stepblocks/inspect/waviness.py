@@ -73,17 +73,17 @@ def estimate_height_beside_waves(x: Array, z: Array, middle: float, planes: TwoP
     Estimate
         m; that of `planes` where no wave holds most of the residuals.
     """
-    fit = _fit_waves(x, z, middle, planes.fit)
+    fit = _add_dominant_waves(x, z, middle, planes.fit)
     if fit is planes.fit:
         return planes.height
     return fit.estimate_term(_HEIGHT)
 
 
-def _fit_waves(x: Array, z: Array, middle: float, fit: Fit) -> Fit:
-    """Fit waves of a period beside two planes; see `estimate_height_beside_waves`.
+def _add_dominant_waves(x: Array, z: Array, middle: float, fit: Fit) -> Fit:
+    """Fit two planes anew together with up to three waves of a period.
 
-    The first columns of the result are those of `fit`; it is `fit` itself where no wave holds most
-    of the residuals.
+    A wave is added as long as it holds most of the residuals. The first columns of the result are
+    those of `fit`, which itself is returned where no wave does.
     """
     faces = _Faces(x, np.where(fit.used, z, 0.0), x > middle, fit.used)
     for _ in range(_MOST_WAVES):

@@ -115,7 +115,7 @@ def find_declared_value(
 
 
 def weigh_calibration(
-    explanation: Explanation, checks: Sequence[CalibrationCheck], *, knows_laws: bool = False
+    explanation: Explanation, checks: Sequence[CalibrationCheck], *, has_prior_law: bool = False
 ) -> tuple[Explanation, tuple[CalibrationCheck, ...]]:
     """Say which contradictions are left beside the effects, and let them widen the intervals.
 
@@ -124,7 +124,7 @@ def weigh_calibration(
     explanation : Explanation
     checks : sequence of CalibrationCheck
         Of the trials that were explained.
-    knows_laws : bool
+    has_prior_law : bool
         Whether a law of friction or contact is known beforehand: it accounts for what the ramps
         show, as an effect does.
 
@@ -139,7 +139,7 @@ def weigh_calibration(
     spring = None
     is_open = False
     for unweighed in checks:
-        check = _mark_explained(unweighed, explanation, knows_laws)
+        check = _set_explained(unweighed, explanation, has_prior_law)
         weighed.append(check)
         is_open = is_open or check.is_open
         if spring is None and check.quantity is Declared.SPRING:
@@ -151,10 +151,10 @@ def weigh_calibration(
     return explanation, tuple(weighed)
 
 
-def _mark_explained(
-    check: CalibrationCheck, explanation: Explanation, knows_laws: bool
+def _set_explained(
+    check: CalibrationCheck, explanation: Explanation, has_prior_law: bool
 ) -> CalibrationCheck:
-    """Mark a contradiction as explained where an effect or a known law accounts for it."""
+    """Return a check with `explained` set: whether an effect or a prior law accounts for it."""
     fitted = explanation.extended
     slots = {law.slot for law in fitted.effects}
     if check.quantity is Declared.LOAD:
@@ -162,7 +162,7 @@ def _mark_explained(
     ratio, std = fitted.values["stiffness_ratio"], fitted.std["stiffness_ratio"]
     left = abs(ratio - 1.0)
     doubt = float(np.hypot(std, COMMON_ERRORS[Declared.SPRING.value]))
-    has_cause = bool(slots) or knows_laws
+    has_cause = bool(slots) or has_prior_law
     is_explained = has_cause and left < _CONTRADICTION * doubt
     return replace(check, explained=is_explained)
 

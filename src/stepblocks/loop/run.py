@@ -384,7 +384,7 @@ def analyse_table(
     with threadpool_limits(limits=1, user_api="blas"):
         explained = _explain_and_hold_out(table, rules, jobs, announce)
         found, checks = weigh_calibration(
-            explained.found, checks, knows_laws=bool(table.model.laws)
+            explained.found, checks, has_prior_law=bool(table.model.laws)
         )
     within, between = explained.within, explained.between
     return LoopResult(

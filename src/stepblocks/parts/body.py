@@ -34,7 +34,7 @@ from stepblocks.parts.declared import (
 )
 from stepblocks.parts.face_characteristics import make_surface_characteristics
 from stepblocks.parts.kind import Part
-from stepblocks.parts.lettering import compute_text_width, outline_text
+from stepblocks.parts.lettering import compute_text_width, outline_centred_text
 from stepblocks.parts.revolution import Point3
 from stepblocks.parts.tolerance import (
     Dimension,
@@ -353,7 +353,7 @@ class Block(Part):
             return 0.0
         import shapely
 
-        letters = outline_text(engraving.choose_text(self.id), engraving.height.nominal)
+        letters = outline_centred_text(engraving.choose_text(self.id), engraving.height.nominal)
         area = math.fsum(shapely.Polygon(outer, inner).area for outer, *inner in letters)
         return area * engraving.depth.nominal
 

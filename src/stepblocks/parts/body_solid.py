@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from stepblocks import cad
 from stepblocks.parts.body import DRILL_POINT, Body, Engraving, Mounting
-from stepblocks.parts.lettering import outline_text
+from stepblocks.parts.lettering import outline_centred_text
 from stepblocks.parts.revolution import Point, Point3
 
 OVER = 1e-3  # how far a cutting body stands out of the block [m]
@@ -18,8 +18,8 @@ _SIDES = (-1.0, 1.0)  # left and right, or front and back
 class WorkingFace(NamedTuple):
     """A working face right of an edge, up to the next edge or the right side."""
 
-    begin: float  # x of its edge [m]
-    top: float  # height over the lower working face [m]
+    edge_x: float  # x of its edge [m]
+    height: float  # over the lower working face [m]
 
 
 def make_body_cuts(body: Body, identity: str, faces: Sequence[WorkingFace]) -> list[cad.door.Body]:
@@ -41,7 +41,7 @@ def make_body_cuts(body: Body, identity: str, faces: Sequence[WorkingFace]) -> l
     """
     cuts: list[cad.door.Body] = []
     if body.edge_break.nominal > 0.0:
-        highest = max(face.top for face in faces)
+        highest = max(face.height for face in faces)
         for side in _SIDES:
             cuts += _make_long_edge_breaks(body, side, faces)
             cuts += _make_upright_edge_breaks(body, side, highest)
@@ -59,7 +59,7 @@ def _make_letters(body: Body, engraving: Engraving, identity: str) -> Iterator[c
     middle = -0.5 * body.thickness.nominal + up
     start = -body.half_width - 0.1 * OVER
     inwards = (0.0, engraving.depth.nominal + 0.1 * OVER, 0.0)
-    for letter in outline_text(engraving.choose_text(identity), engraving.height.nominal):
+    for letter in outline_centred_text(engraving.choose_text(identity), engraving.height.nominal):
         rings = []
         for ring in letter:
             rings.append([(along + float(u), start, middle + float(v)) for u, v in ring])
@@ -78,10 +78,10 @@ def _make_long_edge_breaks(
     outside = face + side * OVER
     # start and length along x, height, and 1 of an upper edge, -1 of a lower one
     edges = [(-length, length, 0.0, 1.0), (-length, 2.0 * length, body.base, -1.0)]
-    ends = [*(face.begin for face in faces[1:]), length]
+    ends = [*(face.edge_x for face in faces[1:]), length]
     for working_face, end in zip(faces, ends, strict=True):
-        begin = working_face.begin
-        edges.append((begin, end - begin, working_face.top, 1.0))
+        begin = working_face.edge_x
+        edges.append((begin, end - begin, working_face.height, 1.0))
     for x, run, z, up in edges:
         section = [
             (x, outside, z - up * chamfer - up * OVER),
@@ -149,10 +149,10 @@ def _outline_clearance_hole(mounting: Mounting, base: float) -> list[Point]:
     ]
 
 
-def list_half_corners(
-    body: Body, side: float, top: float, crest: Sequence[Point], begin: float = 0.0
+def list_half_hull_points(
+    body: Body, side: float, face_height: float, crest: Sequence[Point], edge_x: float = 0.0
 ) -> list[Point3]:
-    """List the corners of one chamfered half of a block, from an edge outwards.
+    """List points of which one chamfered half of a block, from an edge outwards, is the hull.
 
     Parameters
     ----------
@@ -160,23 +160,29 @@ def list_half_corners(
         The block without its stimulus.
     side : float
         -1 of the left half, 1 of the right one.
-    top : float
+    face_height : float
         Height of its working face [m].
     crest : sequence of tuple of float
         Its top at its edge as points (x, z) [m].
-    begin : float
+    edge_x : float
         x of its edge [m].
 
     Returns
     -------
     list of tuple of float
-        Points (x, y, z) [m].
+        Points (x, y, z) [m] in no order, some of them inside or twice.
     """
     outer = side * body.half_length
     half_width = body.half_width
     base = body.base
     chamfer = body.edge_break.nominal
-    levels = ((base, chamfer), (base + chamfer, 0.0), (top - chamfer, 0.0), (top, chamfer))
+    below_break = face_height - chamfer
+    levels = (
+        (base, chamfer),
+        (base + chamfer, 0.0),
+        (below_break, 0.0),
+        (face_height, chamfer),
+    )
     points: list[Point3] = []
     for y_side in _SIDES:
         for z, inset in levels:
@@ -185,28 +191,27 @@ def list_half_corners(
             width = half_width - inset
             points.append((x - side * corner, y_side * width, z))
             points.append((x, y_side * (width - corner), z))
-            if z < top:
-                points.append((begin, y_side * width, z))
+            if z < face_height:
+                points.append((edge_x, y_side * width, z))
         for x, z in crest:
-            over_chamfer = max(0.0, z - (top - chamfer))
+            over_chamfer = max(0.0, z - below_break)
             points.append((x, y_side * (half_width - over_chamfer), z))
         # where a chamfer's corner triangle closes, half way up
         middle_x = outer - side * 0.5 * chamfer
         middle_y = y_side * (half_width - 0.5 * chamfer)
         points.append((middle_x, middle_y, base + 0.5 * chamfer))
-        points.append((middle_x, middle_y, top - 0.5 * chamfer))
+        points.append((middle_x, middle_y, face_height - 0.5 * chamfer))
     return points
 
 
-def compute_half_volume(body: Body, extent: float, top: float) -> float:
+def compute_half_volume(body: Body, extent: float, face_height: float) -> float:
     """Compute the volume of a block on one side of its edge [m^3].
 
-    It is a box with every edge broken but the four at the section; `extent` is its length and
-    `top` the height of its working face [m].
+    It is a box with every edge broken but the four at the section; `extent` is its length [m].
     """
     width = body.width.nominal
     chamfer = body.edge_break.nominal
-    height = top + body.thickness.nominal
+    height = face_height + body.thickness.nominal
 
     def antiderivative(s: float) -> float:
         """Integrate (extent - s)(width - 2 s), the slice at an inset s from the chamfers."""
@@ -219,13 +224,13 @@ def compute_half_volume(body: Body, extent: float, top: float) -> float:
     return upright + 2.0 * sloped
 
 
-def compute_slab_volume(body: Body, extent: float, top: float) -> float:
+def compute_slab_volume(body: Body, extent: float, face_height: float) -> float:
     """Compute the volume of a block between two sections [m^3].
 
-    `extent` is their distance and `top` the height of the working face [m].
+    `extent` is their distance [m].
     """
     chamfer = body.edge_break.nominal
-    height = top + body.thickness.nominal
+    height = face_height + body.thickness.nominal
     return extent * (body.width.nominal * height - 2.0 * chamfer * chamfer)
 
 
@@ -243,12 +248,13 @@ class _Edge:
         return self.x0 + share * (self.x1 - self.x0), self.z0 + share * (self.z1 - self.z0)
 
 
-def compute_section_volume(body: Body, top: float, polygon: list[Point]) -> float:
+def compute_section_volume(body: Body, face_height: float, polygon: list[Point]) -> float:
     """Compute the volume that a section polygon (x, z) takes out of a half [m^3].
 
-    The sides are chamfered from `edge_break` below `top` [m] on: a contour integral of W(z) x dz.
+    The sides are chamfered from `edge_break` below the working face on: a contour integral of
+    W(z) x dz.
     """
-    knee = top - body.edge_break.nominal  # where the sides begin to lean
+    knee = face_height - body.edge_break.nominal  # where the sides begin to lean
     total = 0.0
     following = [*polygon[1:], polygon[0]]
     for (x0, z0), (x1, z1) in zip(polygon, following, strict=True):

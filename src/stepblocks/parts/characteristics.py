@@ -85,10 +85,10 @@ class Characteristic:
         )
 
     @property
-    def unsigned(self) -> "Characteristic":
+    def mirrored_to_positive(self) -> "Characteristic":
         """The distance without its sign, as a workshop measures it.
 
-        The limits of a negative length change places.
+        Of a negative nominal size both deviations are negated and change places.
         """
         if self.nominal >= 0.0:
             return self

@@ -13,8 +13,9 @@ if TYPE_CHECKING:
     import shapely
     from matplotlib.textpath import TextPath
 
-# outer outline, then holes, each an open polygon of points (u, v) [m]
-Letter = tuple[NDArray[np.float64], ...]
+# outer outline of a closed area, then its holes, each an open polygon of points (u, v); a letter
+# such as i has two such areas
+OutlinedArea = tuple[NDArray[np.float64], ...]
 
 _FLATNESS = 0.01  # of the letter height: curves become chords no further from them than this
 _CAPITAL = 0.729  # height of DejaVu's capitals [em]
@@ -25,7 +26,7 @@ class _Glyph:
     """A character for a capital height of 1."""
 
     advance: float  # to the next character
-    polygons: tuple[Letter, ...]
+    polygons: tuple[OutlinedArea, ...]
 
 
 @lru_cache(maxsize=4096)
@@ -73,8 +74,8 @@ def compute_text_width(text: str, height: float) -> float:
     return height * math.fsum(_outline_glyph(character).advance for character in text)
 
 
-def outline_text(text: str, height: float) -> list[Letter]:
-    """Outline a line of text, centred on the origin.
+def outline_centred_text(text: str, height: float) -> list[OutlinedArea]:
+    """Outline a line of text whose middle, of its length and of its capitals, is the origin.
 
     Parameters
     ----------
@@ -89,7 +90,7 @@ def outline_text(text: str, height: float) -> list[Letter]:
         For each closed area its outer outline, then its holes: open polygons of points (u, v)
         [m], shape (n, 2).
     """
-    placed: list[Letter] = []
+    placed: list[OutlinedArea] = []
     pen = 0.0
     for character in text:
         glyph = _outline_glyph(character)

@@ -172,7 +172,9 @@ def compute_channels(state: DragState) -> Floats:
     # stiffer spring shows no more
     energy = energy * (state.ring_stiffness / state.nominal_stiffness)
     if state.hardening.any():
-        energy, spring = _harden_ring(state, energy, spring)
+        hardened = _show_hardening_spring(state, energy, spring)
+        energy = hardened.energy
+        spring = hardened.spring
     shown = _Shown(energy, force, sliding, state.stiffness * spring.slope)
     if state.lag.any():
         shown = _lag_behind(state, shown)
@@ -202,8 +204,15 @@ def _lose_energy(state: DragState, energy: Floats) -> Floats:
     return np.where(left > floor, left, fading)
 
 
-def _harden_ring(state: DragState, energy: Floats, spring: "_Spring") -> tuple[Floats, "_Spring"]:
-    """Return the energy that the swing of a hardening spring shows [J], and the spring's pitch.
+class _HardenedRing(NamedTuple):
+    """What the ring of a hardening spring shows, each of shape (n,)."""
+
+    energy: Floats  # that the amplitude of its force shows [J]
+    spring: "_Spring"  # with the pitch of that amplitude
+
+
+def _show_hardening_spring(state: DragState, energy: Floats, spring: "_Spring") -> _HardenedRing:
+    """Show the ring of a hardening spring that swings with an energy [J].
 
     2 k E = c A^2 + g A^4 / 2 about the level that it rings about; the force at A is A (c + g A^2).
     """
@@ -213,7 +222,7 @@ def _harden_ring(state: DragState, energy: Floats, spring: "_Spring") -> tuple[F
     at_amplitude = (spring.level + state.hardening * square) ** 2
     shown = square * at_amplitude / (2.0 * state.nominal_stiffness)
     pitch = spring.level + 0.75 * state.pitch_share * state.hardening * square
-    return shown, spring._replace(pitch=pitch)
+    return _HardenedRing(shown, spring._replace(pitch=pitch))
 
 
 def _lag_behind(state: DragState, shown: _Shown) -> _Shown:

@@ -104,26 +104,26 @@ def _count_rows(arrays: Any) -> int:
 def _make_profile(x: Any, z: Any, unit: str | None) -> ScannedProfile:
     """Make a profile of positions and heights, each with the unit that it carries or is given."""
     units = parse_units(unit)
-    position = _convert_lengths(x, "x", units)
-    fills: list[str] = []
-    height = _convert_lengths(z, "z", units, fills)
-    return ScannedProfile(position, height, _SOURCE, _describe_unit(unit, fills))
+    position = _convert_to_metres(x, "x", units)
+    fill_notes: list[str] = []
+    height = _convert_to_metres(z, "z", units, fill_notes)
+    return ScannedProfile(position, height, _SOURCE, _describe_unit(unit, fill_notes))
 
 
-def _describe_unit(unit: str | None, fills: Sequence[str]) -> str:
+def _describe_unit(unit: str | None, fill_notes: Sequence[str]) -> str:
     """Say which unit was given, and which values were taken as missing."""
-    notes = list(fills)
+    notes = list(fill_notes)
     if unit is not None:
         notes.insert(0, f"unit {unit} as given")
     return "; ".join(notes)
 
 
-def _convert_lengths(
-    values: Any, axis: str, units: dict[str, StoredLength], fills: list[str] | None = None
+def _convert_to_metres(
+    values: Any, axis: str, units: dict[str, StoredLength], fill_notes: list[str] | None = None
 ) -> Array:
-    """Return lengths [m], nan where a value is masked or missing.
+    """Convert lengths to metres, nan where a value is masked or missing.
 
-    Where `fills` is given, values that fill gaps are missing, and it takes what is said of them.
+    Where `fill_notes` is given, values that fill gaps become nan, and a note on them is appended.
     """
     if hasattr(values, "magnitude") and hasattr(values, "to"):  # of Pint
         if axis in units:
@@ -134,11 +134,11 @@ def _convert_lengths(
     if units and axis not in units:
         raise MetrologyError(f"unit must say that of {axis}, too, as x=mm,z=um, got none")
     numbers = _convert_numbers(values, axis)
-    if fills is not None:
+    if fill_notes is not None:
         found = blank_fill_values(numbers)
         numbers = found.values
         if found.count:
-            fills.append(found.describe("the heights"))
+            fill_notes.append(found.describe("the heights"))
     return units.get(axis, _METRE).to_metres(numbers)
 
 
@@ -190,31 +190,34 @@ def _convert_labelled_array(array: Any, unit: str | None) -> ScannedProfile | He
             f"{shorten_value(dict(array.sizes))}"
         )
     units = parse_units(unit)
-    fills: list[str] = []
-    height = _convert_labelled_lengths(array, "z", units, fills)
-    along_x = _convert_labelled_lengths(array.coords[array.dims[-1]], "x", units)
-    scale = _describe_unit(unit, fills)
+    fill_notes: list[str] = []
+    height = _convert_labelled_to_metres(array, "z", units, fill_notes)
+    along_x = _convert_labelled_to_metres(array.coords[array.dims[-1]], "x", units)
+    scale = _describe_unit(unit, fill_notes)
     if len(array.dims) == 1:
         return ScannedProfile(along_x, height, _SOURCE, scale)
-    along_y = _convert_labelled_lengths(array.coords[array.dims[0]], "y", units)
+    along_y = _convert_labelled_to_metres(array.coords[array.dims[0]], "y", units)
     dx = _find_step(along_x, str(array.dims[-1]))
     dy = _find_step(along_y, str(array.dims[0]))
     return HeightMap(height[:: _find_sign(dy), :: _find_sign(dx)], abs(dx), abs(dy), _SOURCE, scale)
 
 
-def _convert_labelled_lengths(
-    array: Any, axis: str, units: dict[str, StoredLength], fills: list[str] | None = None
+def _convert_labelled_to_metres(
+    array: Any, axis: str, units: dict[str, StoredLength], fill_notes: list[str] | None = None
 ) -> Array:
-    """Return the values of an array of xarray [m], by its attribute ``units`` where it has one."""
+    """Convert an array of xarray to metres, by its attribute ``units`` where it has one.
+
+    `fill_notes` are those of `_convert_to_metres`.
+    """
     stated = array.attrs.get("units")
     values = array.data
     if stated is None:
-        return _convert_lengths(values, axis, units, fills)
+        return _convert_to_metres(values, axis, units, fill_notes)
     if axis in units:
         raise MetrologyError(
             f"unit must not be given for {array.name}, which states its own, got {stated!r}"
         )
-    return _convert_lengths(values, axis, parse_units(f"{axis}={stated}"), fills)
+    return _convert_to_metres(values, axis, parse_units(f"{axis}={stated}"), fill_notes)
 
 
 def _find_step(positions: Array, name: str) -> float:

@@ -41,7 +41,7 @@ def name_check_file(session: str) -> str:
     return f"{OUTPUT}/{PurePosixPath(session).name}-check.json"
 
 
-def make_check_command(session: str) -> ShownCommand:
+def make_declaration_check_command(session: str) -> ShownCommand:
     """Make the command that holds some trials of a session against its declaration."""
     target = name_check_file(session)
     words = ("measure", protect_leading_hyphen(session), "--check", target)
@@ -156,7 +156,12 @@ class DeclarationCheck:
         """Show the command, and what it found when it was run last."""
         show_heading(texts.CHECK_HEADING, 2)
         ui.label(texts.CHECK_HELP)
-        Runnable(make_check_command(self._session), self._folder, self._jobs, self._show_ended_run)
+        Runnable(
+            make_declaration_check_command(self._session),
+            self._folder,
+            self._jobs,
+            self._show_ended_run,
+        )
         self._place = ui.column().classes("w-full")
         self.update()
 

@@ -19,7 +19,7 @@ import psutil
 from pydantic import TypeAdapter, ValidationError
 
 from stepblocks.files.locks import LockState, try_lock
-from stepblocks.files.paths import is_private_folder
+from stepblocks.files.paths import is_closed_to_other_writers
 from stepblocks.window.command_line import ShownCommand
 
 _PROGRAM, _PART = "stepblocks", "window"
@@ -118,7 +118,7 @@ def _make_state_folder() -> Path:
     folder = platformdirs.user_state_path(_PROGRAM, appauthor=False) / _PART
     with suppress(OSError):
         folder.mkdir(mode=_OWN, parents=True, exist_ok=True)
-        if is_private_folder(folder) and os.access(folder, os.W_OK):
+        if is_closed_to_other_writers(folder) and os.access(folder, os.W_OK):
             return folder
     return Path(tempfile.gettempdir())
 
@@ -148,7 +148,7 @@ def _list_places(state: Path) -> Iterator[Path]:
     except OSError:
         return
     for place in found:
-        if _NAME.fullmatch(place.name) and is_private_folder(place):
+        if _NAME.fullmatch(place.name) and is_closed_to_other_writers(place):
             yield place
 
 

@@ -97,7 +97,7 @@ class TargetAxis:
             self._choose_ends([*marks.targets, *marks.blocks])
             self._draw_ticks()
         self._show_targets([mark.energy for mark in marks.targets])
-        self._describe_targets(marks.targets)
+        self._mark_missed_targets(marks.targets)
         self._show_blocks(marks.blocks)
 
     def _choose_ends(self, marks: Sequence[AxisMark]) -> None:
@@ -155,8 +155,8 @@ class TargetAxis:
             mark.props(f"aria-valuemin={low} aria-valuemax={high} aria-valuenow={now}")
             mark.props(f'aria-valuetext="{text}" title="{text}"')
 
-    def _describe_targets(self, targets: Sequence[AxisMark]) -> None:
-        """Mark the targets that no block gives."""
+    def _mark_missed_targets(self, targets: Sequence[AxisMark]) -> None:
+        """Mark the targets that no block gives; the marks of the others lose that style."""
         missed = {format_target(target.energy) for target in targets if target.problem}
         for energy, mark in zip(self._energies, self._marks, strict=True):
             if format_target(energy) in missed:

@@ -17,7 +17,7 @@ from stepblocks.workshop.paper import (
     choose_scale,
     format_scale,
 )
-from stepblocks.workshop.sheet import Sheet
+from stepblocks.workshop.sheet import Sheet, UnwrittenNotes
 
 _DETAIL: Point = (235.0, 214.0)  # origin of detail D on the paper
 _GROOVE_DETAIL: Point = (352.0, 214.0)  # of detail E
@@ -38,8 +38,8 @@ _ARC_STEPS = 20
 _ROOTS_OF_BOTH_STEPS = "Roots: fillet or undercut up to the height of the step."
 
 
-def draw_step_block_views(sheet: Sheet, block: StepBlock) -> list[str]:
-    """Draw all views of a step block; return the lines of its notes."""
+def draw_step_block_views(sheet: Sheet, block: StepBlock) -> UnwrittenNotes:
+    """Draw all views of a step block; return the notes to be written."""
     sizes = draw_body(sheet, block.body, block.id)
     x, y = TOP_VIEW
     half_width = sizes.half_width
@@ -92,8 +92,8 @@ def _describe_inner_corners(relief: Relief | None) -> str:
     return "Inner corners of the relief (F): fillet up to half its depth is allowed."
 
 
-def draw_margin_block_views(sheet: Sheet, margin: MarginBlock) -> list[str]:
-    """Draw all views of a margin block; return the lines of its notes."""
+def draw_margin_block_views(sheet: Sheet, margin: MarginBlock) -> UnwrittenNotes:
+    """Draw all views of a margin block; return the notes to be written."""
     sizes = draw_body(sheet, margin.body, margin.id)
     x, y = TOP_VIEW
     half_width = sizes.half_width
@@ -148,9 +148,9 @@ def _draw_feature(sheet: Sheet, feature: MetrologyFeature, sizes: BodyOnPaper) -
     sheet.draw_leader(tip, (right + 6.0, y + low + 6.0), f"{feature.kind}, detail E")
 
 
-def _caption_detail(sheet: Sheet, place: Point, caption: str) -> None:
-    """Write the caption of a detail, its lower middle at a place on the paper."""
-    sheet.write_text(place, caption, alignment=Alignment.BOTTOM_CENTER)
+def _write_detail_caption(sheet: Sheet, bottom_centre: Point, caption: str) -> None:
+    """Write the caption of a detail, its bottom centre at a point of the paper [mm]."""
+    sheet.write_text(bottom_centre, caption, alignment=Alignment.BOTTOM_CENTER)
 
 
 @dataclass(frozen=True)
@@ -270,11 +270,11 @@ def _draw_step_detail(sheet: Sheet, edge: _EdgeDetail) -> None:
         _draw_face_demands(sheet, top, edge.face_count)
     caption = f"{edge.letter}   {_describe_scales(sheet, length_scale, height_scale)}"
     if edge.prefix:  # a section of a hole stands below its right half
-        _caption_detail(sheet, (x - _CLEAR_OF_HOLE, lower - 33.0), caption)
+        _write_detail_caption(sheet, (x - _CLEAR_OF_HOLE, lower - 33.0), caption)
         return
     if not sheet.letters:
         caption += f" (heights exaggerated {height_scale / length_scale:g} times)"
-    _caption_detail(sheet, (x, lower - 33.0), caption)
+    _write_detail_caption(sheet, (x, lower - 33.0), caption)
 
 
 def _draw_step_outline(sheet: Sheet, edge: _EdgeDetail, step: _StepOnPaper) -> None:
@@ -414,7 +414,7 @@ def _draw_feature_detail(sheet: Sheet, block: StepBlock, feature: MetrologyFeatu
         f"{feature.kind}_width", (x - half, top), (x + half, top), (x, top + 8.0), length_scale
     )
     caption = f"E   {_describe_scales(sheet, length_scale, height_scale)}"
-    _caption_detail(sheet, (x - _CLEAR_OF_HOLE, low - 33.0), caption)
+    _write_detail_caption(sheet, (x - _CLEAR_OF_HOLE, low - 33.0), caption)
 
 
 def _draw_relief_detail(sheet: Sheet, relief: Relief) -> None:
@@ -436,7 +436,7 @@ def _draw_relief_detail(sheet: Sheet, relief: Relief) -> None:
     sheet.draw_dimension(
         "relief_depth", (wall, floor), (wall, lower), (wall - 9.0, floor), scale, upright=True
     )
-    _caption_detail(sheet, (x - 6.0, floor - 18.0), f"F   {format_scale(scale)}")
+    _write_detail_caption(sheet, (x - 6.0, floor - 18.0), f"F   {format_scale(scale)}")
 
 
 @dataclass(frozen=True)
@@ -504,7 +504,7 @@ def _draw_margin_detail(sheet: Sheet, margin: MarginBlock) -> None:
         (x - 24.0, detail.floor + 8.0),
         "depth {}",
     )
-    _caption_detail(sheet, (x - 50.0, detail.floor - 8.0), f"D   {format_scale(scale)}")
+    _write_detail_caption(sheet, (x - 50.0, detail.floor - 8.0), f"D   {format_scale(scale)}")
 
 
 def _draw_margin_outline(sheet: Sheet, detail: _MarginOnPaper) -> None:

@@ -117,16 +117,16 @@ def _draw_letters(
     elbow_x = corner[0] + 12.0
     elbow_y = min(y + 9.0, corner[1] + 0.5)
     sheet.lead_to_characteristic("engraving_height", end, (elbow_x, elbow_y), "letters {} high")
-    place = _describe_letters_place(sheet, engraving)
-    if place:
-        sheet.write_text((elbow_x + 4.0, elbow_y - 12.8), place)
+    offset = _format_letters_offset(sheet, engraving)
+    if offset:
+        sheet.write_text((elbow_x + 4.0, elbow_y - 12.8), offset)
     sheet.lead_to_characteristic(
         "engraving_depth", end, (elbow_x, elbow_y - 6.0), "engraved {} deep"
     )
 
 
-def _describe_letters_place(sheet: Sheet, engraving: Engraving) -> str:
-    """Say how far the middle of the letters lies from that of the front; empty where there."""
+def _format_letters_offset(sheet: Sheet, engraving: Engraving) -> str:
+    """Format how far the middle of the letters lies from that of the front; empty if not at all."""
     along, up = engraving.offset
     parts = []
     if along != 0.0:

@@ -14,7 +14,7 @@ from stepblocks.workshop.paper import (
     choose_scale,
     format_scale,
 )
-from stepblocks.workshop.sheet import Sheet
+from stepblocks.workshop.sheet import Sheet, UnwrittenNotes
 from stepblocks.workshop.turned import CHORD
 
 _SECTION_ORIGIN: Point = (110.0, 150.0)  # where the axis crosses the finish line
@@ -27,8 +27,8 @@ _MARGIN_REACH = 40.0  # of the largest gap or discrepancy, in fours, on the pape
 _SMALLEST_REACH = 50e-6  # gap that chooses the scale of the margin, at least [m]
 
 
-def draw_crown_views(sheet: Sheet, crown: CrownOnTooth) -> list[str]:
-    """Draw tooth and crown in section, and the margin enlarged; return the lines of its notes."""
+def draw_crown_views(sheet: Sheet, crown: CrownOnTooth) -> UnwrittenNotes:
+    """Draw tooth and crown in section, and the margin enlarged; return the notes to be written."""
     root = crown.root_length.nominal
     preparation = crown.preparation_height.nominal
     margin_radius = crown.margin_radius.nominal

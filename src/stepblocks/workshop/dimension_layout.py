@@ -14,7 +14,7 @@ _STACKED_OFFSET = 4.4  # the same of unequal deviations, which stand one over th
 
 @dataclass(frozen=True)
 class DimensionLine:
-    """The line of a dimension; `along` runs on it, `across` away from it to the side of the text.
+    """The line of a dimension; `along` runs on it, `towards_text` away from it.
 
     Attributes
     ----------
@@ -44,12 +44,12 @@ class DimensionLine:
             return self.level, along
         return along, self.level
 
-    def shift_point(self, point: Point, along: float, across: float) -> Point:
-        """Shift a point along the line and away from it."""
+    def shift_point(self, point: Point, along: float, towards_text: float) -> Point:
+        """Shift a point along the line, and square to it towards the side of the text."""
         x, y = point
         if self.upright:
-            return x - across, y + along
-        return x + along, y + across
+            return x - towards_text, y + along
+        return x + along, y + towards_text
 
     def has_room(self, text_width: float, text_share: float, *, stacked: bool) -> bool:
         """Tell whether a text fits between the arrows, its middle at a share of the length.

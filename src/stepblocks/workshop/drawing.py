@@ -27,7 +27,7 @@ from stepblocks.workshop.kit_views import draw_assembly_views, draw_kit_part_vie
 from stepblocks.workshop.paper import Point, use_decimal_comma
 from stepblocks.workshop.rendering import FORMATS, write_sheet
 from stepblocks.workshop.routes import Route
-from stepblocks.workshop.sheet import Note, Sheet
+from stepblocks.workshop.sheet import Note, Sheet, UnwrittenNotes
 from stepblocks.workshop.title_block import MILLIMETRES, TITLE_BLOCK_TOP, draw_border
 from stepblocks.workshop.turned import (
     draw_hook_tip_views,
@@ -47,9 +47,9 @@ _TEXTURE_FOOT: Point = (100.0, 16.0)
 _INCHES = "inch (ASME Y14.5), limits inwards from mm; scales stand at the views"
 _HEIGHT_KEYS = ("step_height", "groove_depth", "ridge_height")  # that a series tabulates
 
-# who draws the views of a kind and returns the lines of its notes; without views everything is
-# said in words
-VIEWS: Mapping[type, Callable[[Sheet, Any], list[str]]] = {
+# who draws the views of a kind and returns the notes that are still to be written; without views
+# everything is said in words
+VIEWS: Mapping[type, Callable[[Sheet, Any], UnwrittenNotes]] = {
     StepBlock: draw_step_block_views,
     MarginBlock: draw_margin_block_views,
     CrownOnTooth: draw_crown_views,
@@ -264,8 +264,8 @@ def _tabulate_heights(sheet: Sheet, blocks: Sequence[StepBlock]) -> None:
     sheet.write_table(_TABLE_CORNER, rows, _TABLE_WIDTHS)
 
 
-def _draw_views(sheet: Sheet, part: Part) -> list[str]:
-    """Draw the views of a part, if its kind or a base of it has some; return their remarks."""
+def _draw_views(sheet: Sheet, part: Part) -> UnwrittenNotes:
+    """Draw the views of a part, if its kind or a base of it has some; return the notes on them."""
     for kind in type(part).__mro__:
         if kind in VIEWS:
             return VIEWS[kind](sheet, part)

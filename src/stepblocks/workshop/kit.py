@@ -42,8 +42,11 @@ def find_kits(parts: Sequence[Part]) -> list[Apparatus]:
     return whole
 
 
-def write_kit(folder: Path, kit: Apparatus, order: OrderSpec) -> list[Path]:
-    """Write assembly, parts list, loads, flexure, lines of a session, and pictures of a kit.
+def write_kit_assembly_files(folder: Path, kit: Apparatus, order: OrderSpec) -> list[Path]:
+    """Write what belongs to a kit as a whole, beside the files of its parts.
+
+    That is the assembly as STEP and as a drawing, the tables of parts, loads and flexure, the lines
+    for a session file, and pictures of the stages of assembly.
 
     Parameters
     ----------

@@ -19,7 +19,7 @@ from stepblocks.workshop.paper import (
     format_scale,
     use_decimal_comma,
 )
-from stepblocks.workshop.sheet import Sheet
+from stepblocks.workshop.sheet import Sheet, UnwrittenNotes
 
 _X, _Y, _Z = range(3)
 _LEFT = 44.0  # of the views of a part
@@ -100,8 +100,8 @@ class _PlacedView:
         return length * MILLIMETRES_PER_METRE * self.scale
 
 
-def draw_kit_part_views(sheet: Sheet, part: KitPart) -> list[str]:
-    """Draw a part of the apparatus; return the lines of its notes."""
+def draw_kit_part_views(sheet: Sheet, part: KitPart) -> UnwrittenNotes:
+    """Draw a part of the apparatus; return the notes to be written."""
     component = part.placed_component
     views = _lay_out_views(component.bounding_box, _needs_left_view(component), _LEFT, _FOOT, _ROOM)
     for view in views:

@@ -19,7 +19,7 @@ from stepblocks.errors import MachiningError
 from stepblocks.files.atomic import write_atomically
 from stepblocks.files.tables import write_table
 from stepblocks.parts.kinds.step_block import MetrologyFeature, StepBlock
-from stepblocks.parts.lettering import compute_text_width, outline_text
+from stepblocks.parts.lettering import compute_text_width, outline_centred_text
 
 if TYPE_CHECKING:
     from gdstk import Polygon as GdsiiPolygon
@@ -243,7 +243,9 @@ def _outline_feature(feature: MetrologyFeature, half_width: float) -> Shape:
 
 def _outline_letters(text: str, height: float, middle: Place) -> Shape:
     """Outline a line of text about its middle."""
-    letters = [shapely.Polygon(outer, holes) for outer, *holes in outline_text(text, height)]
+    letters = [
+        shapely.Polygon(outer, holes) for outer, *holes in outline_centred_text(text, height)
+    ]
     return shapely.affinity.translate(shapely.unary_union(letters), *middle)
 
 

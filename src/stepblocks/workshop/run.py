@@ -36,7 +36,7 @@ from stepblocks.workshop.drawing import (
     write_series_drawing,
 )
 from stepblocks.workshop.gauge_reach import explain_missing_gauge_drawing, find_gauge_route
-from stepblocks.workshop.kit import find_kits, write_kit
+from stepblocks.workshop.kit import find_kits, write_kit_assembly_files
 from stepblocks.workshop.kit_setup import write_kit_setup
 from stepblocks.workshop.masks import SILICON, load_gdstk, write_masks
 from stepblocks.workshop.routes import GAUGE_BLOCKS, Route, find_routes, make_route_row
@@ -232,7 +232,7 @@ def _order_bundle(parts: Sequence[Part], output: Path, stimuli: StimulusSet) -> 
 def _order_kit(kit: Apparatus, output: Path, stimuli: StimulusSet) -> PartOrder:
     """Write what a kit has beside its parts: assembly, lists, loads and pictures."""
     folder = _make_folder(output, stimuli.name)
-    written = write_kit(folder, kit, stimuli.order)
+    written = write_kit_assembly_files(folder, kit, stimuli.order)
     return PartOrder(f"{stimuli.name}/{kit.id}", tuple(written), (), is_of_set=True)
 
 

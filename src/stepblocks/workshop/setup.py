@@ -180,8 +180,8 @@ def _find_letters(block: Block, allowances: Allowances) -> _Letters:
     engraving = block.body.engraving
     if engraving is None:
         return _Letters("", "", middle)
-    place = _describe_letters_place(engraving.offset[0])
-    return _Letters(engraving.choose_text(block.id), place, middle + engraving.offset[1])
+    offset = _describe_letters_offset(engraving.offset[0])
+    return _Letters(engraving.choose_text(block.id), offset, middle + engraving.offset[1])
 
 
 def _format_largest_burr(part: Part) -> str:
@@ -222,12 +222,12 @@ def _find_tight_axes(block: Block, stock_sizes: Sequence[float]) -> list[str]:
     return tight
 
 
-def _describe_letters_place(along: float) -> str:
-    """Say where the middle of the letters lies along x, from that of the front [m]."""
-    if along == 0.0:
+def _describe_letters_offset(from_middle: float) -> str:
+    """Say how far the middle of the letters lies right of that of the front, along x [m]."""
+    if from_middle == 0.0:
         return "in the middle along x"
-    side = "right" if along > 0.0 else "left"
-    return f"{format_millimetres(abs(along), 3)} mm to the {side} of the middle along x"
+    side = "right" if from_middle > 0.0 else "left"
+    return f"{format_millimetres(abs(from_middle), 3)} mm to the {side} of the middle along x"
 
 
 def _describe_countersink(block: Block, allowances: Allowances) -> str:

@@ -101,6 +101,9 @@ class _Leader:
         return cls((shelf, y), (shelf + side, y), side, alignment)
 
 
+UnwrittenNotes = list[str]  # lines of notes on views; the caller writes them
+
+
 class Sheet(Paper):
     """A sheet with the characteristics that it states.
 

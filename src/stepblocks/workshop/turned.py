@@ -18,7 +18,7 @@ from stepblocks.workshop.paper import (
     format_scale,
     use_decimal_comma,
 )
-from stepblocks.workshop.sheet import Sheet
+from stepblocks.workshop.sheet import Sheet, UnwrittenNotes
 
 _SHANKS = "ISO 1797"  # standard of the shanks of rotary instruments
 _NO_LATCH = (
@@ -67,8 +67,8 @@ def _describe_shank(sheet: Sheet, tip: StraightTip) -> list[str]:
     return lines
 
 
-def draw_straight_tip_views(sheet: Sheet, tip: StraightTip) -> list[str]:
-    """Draw a straight tip lying on its side, and its ball enlarged; return the lines of notes."""
+def draw_straight_tip_views(sheet: Sheet, tip: StraightTip) -> UnwrittenNotes:
+    """Draw a straight tip on its side, and its ball enlarged; return the notes to be written."""
     shank = tip.shank_radius.nominal
     end = tip.length.nominal
     view = _draw_side_view(sheet, tip, end, [])
@@ -93,7 +93,7 @@ def draw_straight_tip_views(sheet: Sheet, tip: StraightTip) -> list[str]:
     return _describe_shank(sheet, tip)
 
 
-def draw_hook_tip_views(sheet: Sheet, tip: HookTip) -> list[str]:
+def draw_hook_tip_views(sheet: Sheet, tip: HookTip) -> UnwrittenNotes:
     """Draw a bent tip lying on its side and its ball enlarged; it needs no notes."""
     wire = tip.shank_radius.nominal
     inner = _list_wire_side(tip, -wire)
@@ -226,8 +226,8 @@ def _draw_runout_frame(sheet: Sheet, tip: StraightTip) -> None:
     sheet.draw_pointer_to_face((x - 40.0 + ball_on_paper, y - ball_on_paper), frame)
 
 
-def draw_sheath_views(sheet: Sheet, sheath: Sheath) -> list[str]:
-    """Draw a sheath in section and from its end; return the lines of its notes."""
+def draw_sheath_views(sheet: Sheet, sheath: Sheath) -> UnwrittenNotes:
+    """Draw a sheath in section and from its end; return the notes to be written."""
     length = sheath.length.nominal
     outer = sheath.outer_diameter.nominal
     scale = choose_scale(

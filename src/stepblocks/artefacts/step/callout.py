@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from stepblocks.cad import door, pmi
 from stepblocks.parts.characteristics import Characteristic
-from stepblocks.parts.lettering import compute_text_width, outline_text
+from stepblocks.parts.lettering import compute_text_width, outline_centred_text
 from stepblocks.parts.on_paper import format_limits, format_zone
 
 Point = tuple[float, float, float]
@@ -114,7 +114,7 @@ def _draw_text(text: str, size: float, start: Point) -> tuple[Outline, ...]:
     left, y, bottom = start
     middle = left + 0.5 * compute_text_width(text, size)
     outlines = []
-    for ring in itertools.chain.from_iterable(outline_text(text, size)):
+    for ring in itertools.chain.from_iterable(outline_centred_text(text, size)):
         outline = np.full((len(ring), 3), y)
         outline[:, 0] = middle + ring[:, 0]
         outline[:, 2] = bottom + ring[:, 1]

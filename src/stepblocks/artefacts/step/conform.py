@@ -338,11 +338,11 @@ def _define_property(
 def quote_string(text: str) -> str:
     """Write text as a string of Part 21: ASCII, other characters by their numbers."""
     doubled = text.replace("\\", "\\\\").replace("'", "''")
-    return f"'{''.join(map(_encode_unprintable, doubled))}'"
+    return f"'{''.join(map(_encode_if_unprintable, doubled))}'"
 
 
-def _encode_unprintable(character: str) -> str:
-    """Write a character outside printable ASCII by its number, as Part 21 does; others stay.
+def _encode_if_unprintable(character: str) -> str:
+    """Encode a character outside printable ASCII by its number, as Part 21 does; others stay.
 
     Apostrophe and backslash, too, stay as they are: `quote_string` doubles them.
     """

@@ -367,7 +367,7 @@ class CrownOnTooth(CrownMargin, Turned):
             label = "vertical discrepancy, lip over the tooth"
             return make_characteristic(
                 key, "distance", opening, cavosurface, end, label=label, method=_SEATED
-            ).unsigned
+            ).mirrored_to_positive
         if opening.nominal == gap or finish == "feather-edge":
             return make_characteristic(key, "distance", opening, cavosurface, end, method=_SEATED)
         # the margin is where the bevel meets the outside

@@ -11,7 +11,7 @@ from stepblocks.parts.body_solid import (
     WorkingFace,
     compute_half_volume,
     compute_section_volume,
-    list_half_corners,
+    list_half_hull_points,
     make_body_cuts,
 )
 from stepblocks.parts.characteristics import (
@@ -147,8 +147,8 @@ class MarginBlock(CrownMargin, Block):
         gap = self.marginal_gap.nominal
         rise = self.rise
         opening = self.opening.nominal
-        left = make_hull(list_half_corners(self.body, -1.0, 0.0, [(0.0, 0.0)]))
-        right = make_hull(list_half_corners(self.body, 1.0, rise, [(0.0, rise)]))
+        left = make_hull(list_half_hull_points(self.body, -1.0, 0.0, [(0.0, 0.0)]))
+        right = make_hull(list_half_hull_points(self.body, 1.0, rise, [(0.0, rise)]))
         under, crown = split_solid(right, "x", gap)
         floor, _ = split_solid(under, "z", -self.gap_depth.nominal)
         if opening > gap:  # bevelled: cut the corner off along 45 degrees
@@ -198,7 +198,7 @@ class MarginBlock(CrownMargin, Block):
         yield make_characteristic("marginal_gap", "distance", gap, wall, crown_wall, method=ACROSS)
         yield make_characteristic(
             "horizontal_discrepancy", "distance", rise, tooth, crown, method=PROFILE
-        ).unsigned
+        ).mirrored_to_positive
         yield from self._list_opening_characteristics(wall, crown)
         yield from make_form_characteristics(self.face_demands, tooth, crown, "tooth", "crown")
         yield make_characteristic(
@@ -227,7 +227,7 @@ class MarginBlock(CrownMargin, Block):
             label = "vertical discrepancy, lip over the tooth"
             yield make_characteristic(
                 key, "distance", opening, wall, end, label=label, method=ACROSS
-            ).unsigned
+            ).mirrored_to_positive
             under_lip = describe_plane(2, gap, x=0.5 * opening.nominal)
             yield make_characteristic(
                 "lip_gap",

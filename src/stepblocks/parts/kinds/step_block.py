@@ -18,7 +18,7 @@ from stepblocks.parts.body_solid import (
     WorkingFace,
     compute_half_volume,
     compute_slab_volume,
-    list_half_corners,
+    list_half_hull_points,
     make_body_cuts,
 )
 from stepblocks.parts.characteristics import (
@@ -344,7 +344,7 @@ class StepBlock(Block):
     def hulls(self) -> list[Manifold]:
         height = self.height.nominal
         feature = self.metrology
-        left = make_hull(list_half_corners(self.body, -1.0, 0.0, [(0.0, 0.0)]))
+        left = make_hull(list_half_hull_points(self.body, -1.0, 0.0, [(0.0, 0.0)]))
         radius = self.edge_radius.nominal
         rounding = _list_rounding_points(height, radius)
         left_pieces = [left]
@@ -352,7 +352,7 @@ class StepBlock(Block):
             left_pieces = self.relief.cut_half(left)
         if self.second_step is not None:
             return [*left_pieces, *self._make_pieces_beside(self.second_step, rounding)]
-        right = make_hull(list_half_corners(self.body, 1.0, height, rounding))
+        right = make_hull(list_half_hull_points(self.body, 1.0, height, rounding))
         if feature is None:
             return [*left_pieces, right]
         if feature.kind == "ridge":
@@ -373,13 +373,13 @@ class StepBlock(Block):
             foot = [(distance - x, z) for x, z in _list_rounding_points(height, radius)]
         middle = 0.5 * distance
         between = []
-        for point in list_half_corners(self.body, 1.0, height, rounding):
+        for point in list_half_hull_points(self.body, 1.0, height, rounding):
             if point[0] < middle:
                 between.append(point)
-        for point in list_half_corners(self.body, -1.0, height, foot, distance):
+        for point in list_half_hull_points(self.body, -1.0, height, foot, distance):
             if point[0] > middle:
                 between.append(point)
-        behind = list_half_corners(self.body, 1.0, top, crest, distance)
+        behind = list_half_hull_points(self.body, 1.0, top, crest, distance)
         return [make_hull(between), make_hull(behind)]
 
     def _list_ridge_corners(self, feature: MetrologyFeature) -> list[Point3]:
@@ -536,7 +536,7 @@ class StepBlock(Block):
 
     @property
     def highest(self) -> float:
-        return max(face.top for face in self._list_working_faces())
+        return max(face.height for face in self._list_working_faces())
 
     def _list_working_faces(self) -> list[WorkingFace]:
         """List the working faces right of the lower one."""

@@ -31,7 +31,7 @@ from stepblocks.study.analysis.repeated import (
     compute_effect_interval,
 )
 
-Rows = Iterator["ResultRow"]
+RowIterator = Iterator["ResultRow"]
 
 _UPPER = 0.975  # of a 95 % interval
 
@@ -121,7 +121,7 @@ COLUMNS = tuple(column.name for column in fields(ResultRow))
 FIGURES = COLUMNS[4:]
 
 
-def list_rows(analysis: Analysis, findings: Sequence[Finding]) -> Rows:
+def list_rows(analysis: Analysis, findings: Sequence[Finding]) -> RowIterator:
     """Yield every figure of an analysis; `findings` are its planned tests."""
     for finding in findings:
         name = AnalysisName.PRIMARY if finding.primary else AnalysisName.SECONDARY
@@ -206,7 +206,9 @@ def _describe_difference(interval: Interval, logarithmic: bool = False) -> str:
     return f"{interval.first} minus {interval.second}"
 
 
-def _list_family(analysis: AnalysisName, intervals: Sequence[Interval], logarithmic: bool) -> Rows:
+def _list_family(
+    analysis: AnalysisName, intervals: Sequence[Interval], logarithmic: bool
+) -> RowIterator:
     """Lay out differences of a measure, each with its effect size."""
     for interval in intervals:
         quantity = _describe_difference(interval, logarithmic)
@@ -236,7 +238,7 @@ def _list_equivalence(
     unit: Unit = Unit.NONE,
     before: str = "",
     margin: float = math.nan,
-) -> Rows:
+) -> RowIterator:
     """Yield the bound of a difference between two settings; of logarithms, a ratio."""
     equivalence = assess_equivalence(interval, margin)
     quantity = f"{before}{interval.first} and {interval.second} differ by less than"
@@ -259,7 +261,7 @@ def _list_equivalence(
         )
 
 
-def _list_measure(measure: Measure) -> Rows:
+def _list_measure(measure: Measure) -> RowIterator:
     """Yield the figures of a measure of accuracy."""
     logarithmic = measure.is_logarithmic
     for term in measure.f_test.terms:
@@ -300,7 +302,7 @@ def _make_slope_row(slope: Slope) -> ResultRow:
     )
 
 
-def _list_sphericity(sphericity: Sphericity) -> Rows:
+def _list_sphericity(sphericity: Sphericity) -> RowIterator:
     """Yield both epsilons and Mauchly's test."""
     name = AnalysisName.SPHERICITY
     yield ResultRow("", name, "epsilon of Greenhouse and Geisser", estimate=sphericity.epsilon)
@@ -308,7 +310,7 @@ def _list_sphericity(sphericity: Sphericity) -> Rows:
     yield ResultRow("", name, "W of Mauchly", statistic=sphericity.statistic, p=sphericity.p)
 
 
-def _list_bayes_factors(intervals: Sequence[Interval]) -> Rows:
+def _list_bayes_factors(intervals: Sequence[Interval]) -> RowIterator:
     """Yield the Bayes factor of each paired difference."""
     for interval in intervals:
         yield ResultRow(
@@ -319,7 +321,7 @@ def _list_bayes_factors(intervals: Sequence[Interval]) -> Rows:
         )
 
 
-def _list_factor(term: Term) -> Rows:
+def _list_factor(term: Term) -> RowIterator:
     """Yield the test of a declared factor, and its Bayes factor."""
     yield _make_term_row(AnalysisName.FACTORS, term)
     if math.isclose(term.df, 1.0):  # of two levels, F is the square of Student's t
@@ -331,7 +333,7 @@ def _list_factor(term: Term) -> Rows:
     )
 
 
-def _list_means(measure: Measure) -> Rows:
+def _list_means(measure: Measure) -> RowIterator:
     """Yield the mean of each condition; of logarithms it is the geometric mean."""
     name = "error" if measure.name == BIAS else measure.name
     for condition, mean, error in measure.mixed.means:
@@ -343,7 +345,7 @@ def _list_means(measure: Measure) -> Rows:
         )
 
 
-def _list_deviations(mixed: MixedFit, logarithmic: bool) -> Rows:
+def _list_deviations(mixed: MixedFit, logarithmic: bool) -> RowIterator:
     """Yield the standard deviations of a mixed model."""
     unit = Unit.NONE if logarithmic else Unit.MICROMETRES
     deviations = {
@@ -361,7 +363,7 @@ def _list_deviations(mixed: MixedFit, logarithmic: bool) -> Rows:
         )
 
 
-def _list_log_error(error: LogError) -> Rows:
+def _list_log_error(error: LogError) -> RowIterator:
     """Yield mean and root mean square of ln(estimate / height)."""
     where = f" with {error.condition}" if error.condition else ""
     name = "ln(estimate / height)"
@@ -374,7 +376,7 @@ def _list_log_error(error: LogError) -> Rows:
         )
 
 
-def _list_rating_tests(analysis: Analysis) -> Rows:
+def _list_rating_tests(analysis: Analysis) -> RowIterator:
     """Yield, for each rating, its test over participants and the odds of its effects."""
     for name, fit in analysis.ordinal.items():
         test = fit.participants
@@ -399,7 +401,7 @@ def _make_ratio_row(analysis: AnalysisName, before: str, interval: Interval) -> 
     return _make_row(analysis, quantity, interval.bounds.transform(math.exp), p=interval.p)
 
 
-def _list_psychometric_functions(setting: Comparisons) -> Rows:
+def _list_psychometric_functions(setting: Comparisons) -> RowIterator:
     """Yield the psychometric functions of the group and of each participant in one setting."""
     where = f"{setting.setting}: " if setting.setting else ""
     yield from _list_population(setting, where)
@@ -409,7 +411,7 @@ def _list_psychometric_functions(setting: Comparisons) -> Rows:
         yield from _list_member(member, f"{where}participant {member.participant}, in the group")
 
 
-def _list_population(setting: Comparisons, where: str) -> Rows:
+def _list_population(setting: Comparisons, where: str) -> RowIterator:
     """Yield the means over participants, if there are any."""
     equal, spread = setting.equal, setting.spread
     if equal is None or spread is None:
@@ -434,7 +436,7 @@ def _list_population(setting: Comparisons, where: str) -> Rows:
         )
 
 
-def _list_curve(curve: Curve, name: str) -> Rows:
+def _list_curve(curve: Curve, name: str) -> RowIterator:
     """Yield the psychometric function of a participant, or why there is none."""
     analysis = AnalysisName.CURVE
     fit = curve.fit
@@ -456,7 +458,7 @@ def _list_curve(curve: Curve, name: str) -> Rows:
     )
 
 
-def _list_member(member: GroupMember, name: str) -> Rows:
+def _list_member(member: GroupMember, name: str) -> RowIterator:
     """Yield the psychometric function of a participant as drawn towards the group."""
     unit = Unit.MICROMETRES
     yield ResultRow(
@@ -471,7 +473,7 @@ def _list_member(member: GroupMember, name: str) -> Rows:
     )
 
 
-def _list_contrasts(analysis: Analysis) -> Rows:
+def _list_contrasts(analysis: Analysis) -> RowIterator:
     """Yield the differences of comparisons between settings."""
     for quantity, family in analysis.contrasts.items():
         before = f"{quantity}, "
@@ -480,7 +482,7 @@ def _list_contrasts(analysis: Analysis) -> Rows:
             yield from _list_equivalence(interval, True, before=before)
 
 
-def _list_power_law(law: PowerLaw, named: bool) -> Rows:
+def _list_power_law(law: PowerLaw, named: bool) -> RowIterator:
     """Yield the exponents of one condition, which is `named` where there are several."""
     where = f"{law.condition}: " if named else ""
     analysis = AnalysisName.POWER_LAW
