@@ -127,7 +127,7 @@ def test_a_set_without_blocks_has_no_curves(request):
 
 def release(status, force=0.0, energy=0.0):
     felt = SimpleNamespace(status=status, pull_force=force, vibration_energy=energy)
-    return SimpleNamespace(drag="up", release=felt)
+    return SimpleNamespace(drag_direction="up", release=felt)
 
 
 def test_the_summary_says_what_is_felt_and_what_is_not():
