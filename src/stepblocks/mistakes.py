@@ -260,7 +260,7 @@ def _find_tables(model: type[BaseModel], location: Location) -> list[type[BaseMo
         for table in tables:
             field = table.model_fields.get(str(step))
             if field is not None:
-                below.extend(_list_models(field.annotation))
+                below.extend(_yield_models(field.annotation))
         if below:
             tables = below
     return tables
@@ -274,18 +274,18 @@ def _find_meant_name(model: type[BaseModel], location: Location) -> str | None:
     if similar:
         return similar
     for name, field in fields.items():
-        for table in _list_models(field.annotation):
+        for table in _yield_models(field.annotation):
             if word in table.model_fields:
                 return f"{name}.{word}"
     return None
 
 
-def _list_models(annotation: object) -> Iterator[type[BaseModel]]:
+def _yield_models(annotation: object) -> Iterator[type[BaseModel]]:
     """Yield the models in the type of a field, such as those of a list or a union."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         yield annotation
     for part in get_args(annotation):
-        yield from _list_models(part)
+        yield from _yield_models(part)
 
 
 def _correct_names(

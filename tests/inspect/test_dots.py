@@ -13,7 +13,7 @@ from stepblocks.errors import MetrologyError, PipelineError
 from stepblocks.inspect import grooves
 from stepblocks.inspect.attempts import evaluate_each
 from stepblocks.inspect.budget import Instrument
-from stepblocks.inspect.dots import _list_weights, measure_dots
+from stepblocks.inspect.dots import _yield_weights, measure_dots
 from stepblocks.inspect.evaluation import EvaluationOptions
 from stepblocks.inspect.grooves import measure_groove
 from stepblocks.inspect.map_levels import level_rows
@@ -217,7 +217,7 @@ def test_the_noise_of_one_dot_holds_what_the_lines_of_its_rows_leave():
         labels == 0, return_distances=False, return_indices=True
     )
     beside = np.where(reference, labels[tuple(nearest)], 0)
-    weights = list(_list_weights(reference, labels, labels, beside))
+    weights = list(_yield_weights(reference, labels, labels, beside))
     draws = [
         correlated_map(x.shape, 1.0, 0.5 * NM, 1.5 * NM, 3.0, np.random.default_rng(seed))
         for seed in range(12)

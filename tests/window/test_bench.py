@@ -20,7 +20,7 @@ from stepblocks.loop.declared_checks import CalibrationCheck, Declared, RateChec
 from stepblocks.loop.record import convert_to_plain, format_document
 from stepblocks.window import texts
 from stepblocks.window.bench_page import BenchForm
-from stepblocks.window.declaration_check import list_rows, read_check
+from stepblocks.window.declaration_check import list_check_rows, read_check
 from stepblocks.window.folder import Folder
 from stepblocks.window.jobs import JobList
 from stepblocks.window.session_files import SETTINGS, SessionDraft, unpack_session
@@ -190,7 +190,7 @@ CHECK = SessionCheck(
 
 
 def test_what_the_traces_say_of_the_declaration_is_shown_with_intervals_and_likely_slips():
-    spring, load, rate, ring = list_rows(CHECK)
+    spring, load, rate, ring = list_check_rows(CHECK)
     assert (spring.declared, spring.shown) == ("9.81 N/mm", "4.915 (4.807 to 5.023) N/mm")
     assert spring.ratio == "0.501 (0.490 to 0.512)"
     assert spring.verdict == "contradicted: about 1/2 of it"

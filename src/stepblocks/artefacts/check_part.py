@@ -123,7 +123,7 @@ def check_part_step(path: Path, stimulus: Part) -> PartCheck:
     findings = [*report.findings]
     for match in matches:
         findings += _check_match(match, report)
-    findings += _list_unrequired(report, matches)
+    findings += _yield_unrequired(report, matches)
     if stimulus.has_working_faces:
         findings += _check_textures(report, stimulus, matches)
     findings += _check_density(report, stimulus)
@@ -191,8 +191,8 @@ def _format_values(required: RequiredCharacteristic) -> str:
     return f"{', '.join(texts)} {unit.name}"
 
 
-def _list_unrequired(report: StepReport, matches: Sequence[Match]) -> Iterator[str]:
-    """List what the file states and the part does not require."""
+def _yield_unrequired(report: StepReport, matches: Sequence[Match]) -> Iterator[str]:
+    """Yield what the file states and the part does not require."""
     unmatched = list(report.characteristics)
     for match in matches:
         if match.stated is not None:

@@ -159,7 +159,7 @@ class LabelledRows:
     ) -> None:
         self._rows = rows
         self._faults = faults
-        self.shared = find_shared_faults(_iterate_measured(rows, covariates), faults)
+        self.shared = find_shared_faults(_yield_measured(rows, covariates), faults)
 
     def __iter__(self) -> Iterator[FeatureRow]:
         for row in self._rows:
@@ -173,7 +173,7 @@ class LabelledRows:
         return row.with_fault(fault)
 
 
-def _iterate_measured(
+def _yield_measured(
     rows: RowStore, covariates: Sequence[str]
 ) -> Iterator[tuple[int, dict[str, str]]]:
     """Yield row and conditions of each trial that was measured whole."""

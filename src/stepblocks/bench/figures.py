@@ -158,7 +158,7 @@ def _draw_trial(title: str, trial: Trial, examination: Examination, path: Path) 
     else:
         caption = "\n".join(note.describe(measurement.features) for note in _NOTES)
         release = measurement.start + measurement.peak.time
-        curves = list(_iterate_fitted_curves(trace, measurement))
+        curves = list(_yield_fitted_curves(trace, measurement))
     for axes in (whole, near):
         _draw_tangential(axes, trace, curves)
     near.set_xlim(1e3 * (release - _BEFORE_RELEASE), 1e3 * (release + _AFTER_RELEASE))
@@ -178,7 +178,7 @@ def _draw_tangential(axes: "Axes", trace: Trace, curves: list[_Curve]) -> None:
     axes.set_ylabel("tangential force / N")
 
 
-def _iterate_fitted_curves(trace: Trace, measurement: Measurement) -> Iterator[_Curve]:
+def _yield_fitted_curves(trace: Trace, measurement: Measurement) -> Iterator[_Curve]:
     """Yield the curves that were fitted to the tangential force: sliding, ramp and ring."""
     approach, after = measurement.approach, measurement.aftermath
     release = measurement.peak.time

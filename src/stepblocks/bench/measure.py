@@ -193,7 +193,7 @@ def _measure_rows(
 ) -> LabelledRows:
     """Measure all trials into a store; return its rows with the faults of their labels."""
     check = LabelCheck()
-    results = _iterate_results(table, _count_processes(jobs), tool)
+    results = _yield_results(table, _count_processes(jobs), tool)
     for done, result in enumerate(results, start=1):
         if result.fault is None:
             check.add(result.trial, result.features, result.digest)
@@ -278,7 +278,7 @@ def _check_rates(traces: Traces, results: list[TrialResult]) -> None:
         raise BenchError(f"{results[0].fault} [{traces.session.folder}]")
 
 
-def _iterate_results(table: TrialTable, jobs: int, tool: Tool | None) -> Iterator[TrialResult]:
+def _yield_results(table: TrialTable, jobs: int, tool: Tool | None) -> Iterator[TrialResult]:
     """Yield the results in the order of the table, measured by so many processes."""
     with Traces(table.session) as traces:  # what is wrong with the whole is said here, once
         tool = tool or estimate_tool(traces, table)
@@ -286,12 +286,10 @@ def _iterate_results(table: TrialTable, jobs: int, tool: Tool | None) -> Iterato
             for trial in table:
                 yield measure_trial(traces, trial, tool)
             return
-    yield from _iterate_over_processes(table, jobs, tool)
+    yield from _yield_over_processes(table, jobs, tool)
 
 
-def _iterate_over_processes(
-    table: TrialTable, jobs: int, tool: Tool | None
-) -> Iterator[TrialResult]:
+def _yield_over_processes(table: TrialTable, jobs: int, tool: Tool | None) -> Iterator[TrialResult]:
     """Yield the results in the order of the table; few chunks per worker are under way."""
     # its workers do not load the calling script again, which then needs no main guard, and share no
     # open file

@@ -334,7 +334,7 @@ def open_session(folder: str | Path, layout: TableLayout = UNDECLARED) -> Sessio
     session = None
     try:
         session = Session.model_validate(fields)
-        mistakes += _list_contradictions(session)
+        mistakes += _yield_contradictions(session)
     except ValidationError as error:
         mistakes += list_mistakes(error, Session, fields)
     mistakes += _list_mistakes_of_patterns(declared, folder)
@@ -343,8 +343,8 @@ def open_session(folder: str | Path, layout: TableLayout = UNDECLARED) -> Sessio
     return session.declare(layout)
 
 
-def _list_contradictions(session: Session) -> Iterator[Mistake]:
-    """List what is wrong with a session whose fields are sound one by one."""
+def _yield_contradictions(session: Session) -> Iterator[Mistake]:
+    """Yield what is wrong with a session whose fields are sound one by one."""
     spring = session.probe.spring_constant
     calibrated = session.calibration.spring_constant
     if calibrated is not None:

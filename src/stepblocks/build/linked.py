@@ -69,15 +69,15 @@ def find_linked_files(output: Path, outputs: Iterable[str]) -> dict[str, list[Li
     known = set(outputs)
     ending = f"/{RECORD}"
     parts = sorted(name.removesuffix(ending) for name in known if name.endswith(ending))
-    links = {WHOLE_FOLDER: list(_list_whole_folder_links(output))}
+    links = {WHOLE_FOLDER: list(_yield_whole_folder_links(output))}
     for part in parts:
-        found = list(_list_new_part_links(output, part, known))
+        found = list(_yield_new_part_links(output, part, known))
         if found:
             links[part] = found
     return links
 
 
-def _list_whole_folder_links(output: Path) -> Iterator[Link]:
+def _yield_whole_folder_links(output: Path) -> Iterator[Link]:
     """Yield links to the files that belong to the whole output or to a set, where they exist."""
     for link in _BESIDE:
         if (output / link.name).is_file():
@@ -89,7 +89,7 @@ def _list_whole_folder_links(output: Path) -> Iterator[Link]:
             yield Link(f"{title} {path.name}", path.relative_to(output).as_posix())
 
 
-def _list_new_part_links(output: Path, part: str, known: set[str]) -> Iterator[Link]:
+def _yield_new_part_links(output: Path, part: str, known: set[str]) -> Iterator[Link]:
     """Yield the files of a part that are not known yet, and add them to the known ones."""
     for kind in _OF_A_PART:
         for path in kind.find_files(output, part):

@@ -129,7 +129,7 @@ def write_page(sections: Sequence[Section], output: Path) -> list[Path]:
         The script and the page.
     """
     script = _write_plot_script(output)
-    links = find_linked_files(output, _list_built_files(sections))
+    links = find_linked_files(output, _yield_built_files(sections))
     ordered = sorted(sections, key=lambda section: section.stimuli.name != _FIRST_SET)
     shown = [_collect_section(section, links) for section in ordered]
     rows = [row for section in shown for row in section.rows]
@@ -162,8 +162,8 @@ def _write_plot_script(output: Path) -> Path:
     return script
 
 
-def _list_built_files(sections: Sequence[Section]) -> Iterator[str]:
-    """List the names of all files of all stimuli below the output folder."""
+def _yield_built_files(sections: Sequence[Section]) -> Iterator[str]:
+    """Yield the names of all files of all stimuli below the output folder."""
     for section in sections:
         for identity, record in section.records.items():
             folder = f"{section.stimuli.name}/{identity}"

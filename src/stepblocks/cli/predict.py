@@ -270,11 +270,11 @@ def _write_pairs(predicted: "list[PredictedSet]", asked: _Asked, path: Path) -> 
     import pandas as pd
 
     from stepblocks.files.tables import write_table
-    from stepblocks.predict.neighbours import list_pairs, tabulate_pairs
+    from stepblocks.predict.neighbours import tabulate_pairs, yield_pairs
 
     tables = []
     for found in predicted:
-        pairs = list_pairs(found.stimuli, found.predictions, asked.discrimination)
+        pairs = yield_pairs(found.stimuli, found.predictions, asked.discrimination)
         table = tabulate_pairs(pairs)
         if "serial" in found.rows[0]:
             table.insert(0, "serial", found.rows[0]["serial"])
@@ -296,13 +296,13 @@ def _write_pairs(predicted: "list[PredictedSet]", asked: _Asked, path: Path) -> 
 def _write_plots(predicted: "list[PredictedSet]", asked: _Asked, folder: Path) -> list[str]:
     """Write the plots of several sets; return their paths."""
     from stepblocks.predict.figures import write_plots
-    from stepblocks.predict.neighbours import list_pairs
+    from stepblocks.predict.neighbours import yield_pairs
     from stepblocks.predict.neighbours_figure import write_neighbour_plots
 
     paths: list[str] = []
     for found in predicted:
         paths += map(str, write_plots(found.stimuli, folder))
-        pairs = list_pairs(
+        pairs = yield_pairs(
             found.stimuli, found.predictions, asked.discrimination, only_neighbours=True
         )
         paths += map(str, write_neighbour_plots(found.stimuli.name, pairs, folder))

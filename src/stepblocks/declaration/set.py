@@ -283,11 +283,11 @@ class StimulusSet(Table):
                 f"id must be unique in its set, got {name!r} twice; in a series it names what "
                 f"varies, such as '{name}-{{height_um:03}}'"
             )
-        yield from self._list_missing_conditions()
+        yield from self._yield_missing_conditions()
         if not self.stimuli:
             yield "a set must declare at least one stimulus, got none"
 
-    def _list_missing_conditions(self) -> Iterator[str]:
+    def _yield_missing_conditions(self) -> Iterator[str]:
         """Yield the first of what the parts need and the set lacks, if anything."""
         conditions = {"probe": self.probe, "damping_rig": self.damping_rig}
         for part in self.stimuli:

@@ -64,18 +64,18 @@ def _convert_fields(table: Table, left_out: Container[str] = ()) -> dict[str, ob
 
 def _find_read_dimension(annotations: Iterable[object]) -> str:
     """Find the dimension that a field's validator reads; ``"ratio"`` for a plain number."""
-    for validator in _list_quantity_validators(annotations):
+    for validator in _yield_quantity_validators(annotations):
         return validator.dimension
     return "ratio"
 
 
-def _list_quantity_validators(annotations: Iterable[object]) -> Iterator[QuantityValidator]:
+def _yield_quantity_validators(annotations: Iterable[object]) -> Iterator[QuantityValidator]:
     """Yield the validators of quantities in annotations, however deep."""
     for annotation in annotations:
         if isinstance(annotation, QuantityValidator):
             yield annotation
         metadata = getattr(annotation, "__metadata__", ())
-        yield from _list_quantity_validators((*get_args(annotation), *metadata))
+        yield from _yield_quantity_validators((*get_args(annotation), *metadata))
 
 
 def _convert_value(value: object, quantity: str) -> object:

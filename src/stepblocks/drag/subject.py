@@ -154,8 +154,8 @@ def change_point(point: OperatingPoint, values: Mapping[str, float]) -> Operatin
     return replace(point, **changes)
 
 
-def _list_parts_and_edges(declared: StimulusSet) -> Iterator[Part]:
-    """List the parts of a set, and behind each with two steps its edges as blocks of their own."""
+def _yield_parts_and_edges(declared: StimulusSet) -> Iterator[Part]:
+    """Yield the parts of a set, and behind each with two steps its edges as blocks of their own."""
     for part in declared.stimuli:
         yield part
         edges = part.split_edges()
@@ -174,7 +174,7 @@ def _find_declared_part(text: str, stimuli: Sets | None) -> _DeclaredPart:
         raise PipelineError(f"{_RULE}, or FILE.toml/ID (no folder stimuli here), got {text!r}")
     matches = []
     for declared, _ in sets:
-        for part in _list_parts_and_edges(declared):
+        for part in _yield_parts_and_edges(declared):
             if matches_pattern(pattern, declared.name, part.id):
                 matches.append(_DeclaredPart(declared, part))
     if not matches:

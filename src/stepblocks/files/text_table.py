@@ -554,7 +554,7 @@ def _choose_notation(
     if table.sheet:
         return NumberNotation()
     try:
-        return find_notation(_list_cells_for_notation(table))
+        return find_notation(_yield_cells_for_notation(table))
     except NotationError as error:
         row = _find_row_with(table, error.number)
         raise raises(f"{error} [{table.file}, {table.name_row(row)}]") from error
@@ -568,7 +568,7 @@ def _find_row_with(table: TextTable, cell: str) -> int:
     return 0
 
 
-def _list_cells_for_notation(table: TextTable) -> Iterator[str]:
+def _yield_cells_for_notation(table: TextTable) -> Iterator[str]:
     """Yield the cells by which the notation is found: all of columns that are mostly numbers.
 
     None where no such column has a comma: plain numbers need no search.

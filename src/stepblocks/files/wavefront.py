@@ -52,7 +52,7 @@ def read_obj(path: Path) -> FacetMesh:
         With the line, if it states no vertex, no polygon, or a number that is none.
     """
     content = _Content()
-    for number, words in _list_statements(path.read_text(encoding="utf-8-sig")):
+    for number, words in _yield_statements(path.read_text(encoding="utf-8-sig")):
         try:
             _add_statement(words, content)
         except (ValueError, IndexError) as error:
@@ -64,8 +64,8 @@ def read_obj(path: Path) -> FacetMesh:
     )
 
 
-def _list_statements(text: str) -> Iterator[tuple[int, list[str]]]:
-    """List the words of each statement, with the number of its line; a backslash continues it."""
+def _yield_statements(text: str) -> Iterator[tuple[int, list[str]]]:
+    """Yield the words of each statement, with the number of its line; a backslash continues it."""
     waiting = ""
     for number, line in enumerate(text.splitlines(), start=1):
         statement = (waiting + line).split("#")[0].rstrip()

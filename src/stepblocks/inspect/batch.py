@@ -94,7 +94,7 @@ def measure_batches(reports: Mapping[str, InspectionResult]) -> list[MeasuredBat
         if serial not in copies:
             independent[serial] = report
     batches = []
-    for part, key in _list_characteristics(independent):
+    for part, key in _yield_characteristics(independent):
         batch = _measure_batch(part, key, independent)
         if batch is not None:
             batches.append(batch)
@@ -127,10 +127,10 @@ def _list_copies(reports: Mapping[str, InspectionResult]) -> list[str]:
     return [serials[place] for place in sorted(copies)]
 
 
-def _list_characteristics(
+def _yield_characteristics(
     reports: Mapping[str, InspectionResult],
 ) -> Iterator[tuple[str, str]]:
-    """List each part with each characteristic that it was judged by, once."""
+    """Yield each part with each characteristic that it was judged by, once."""
     seen = set()
     for report in reports.values():
         for judgement in report.judged:

@@ -241,7 +241,7 @@ def _divide_regions(dots: _Dots, known: Mask) -> _Regions:
 
 def _measure_depths(dots: _Dots, regions: _Regions, level: Array, rows: Array) -> _Depths:
     """Measure the depths of all dots on a map [m], levelled as a whole and row by row."""
-    weights = _list_weights(dots.reference, dots.labels, regions.floor, regions.beside)
+    weights = _yield_weights(dots.reference, dots.labels, regions.floor, regions.beside)
     stds = estimate_std_of_row_sums(weights, rows, dots.reference)
     # as many as would fit into what lies beside them, less the form of the map
     usual_floor = max(np.median(np.bincount(regions.floor[regions.floor > 0])), 1)
@@ -263,7 +263,7 @@ def _measure_depths(dots: _Dots, regions: _Regions, level: Array, rows: Array) -
         )
 
 
-def _list_weights(
+def _yield_weights(
     reference: Mask, labels: Labels, floor: Labels, beside: Labels
 ) -> Iterator[Array]:
     """Yield the weights of the points of its rows in the height of each floor over what is beside.

@@ -379,10 +379,10 @@ class Block(Part):
         outline = [*dict.fromkeys(right), *crest, *dict.fromkeys(left)]
         return cad.kernel.make_prism(outline, self.body.width.nominal)
 
-    def list_body_characteristics(
+    def yield_body_characteristics(
         self, lower: FaceRule, upper: FaceRule, edge: Rule | None
     ) -> Iterator[Characteristic]:
-        """List the characteristics of the body.
+        """Yield the characteristics of the body.
 
         `lower` and `upper` are the working faces, `edge` is the wall of the edge, if there is
         one.
@@ -391,16 +391,16 @@ class Block(Part):
         half_length = self.body.half_length
         left = describe_plane(0, -half_length)
         base = describe_plane(2, self.body.base)
-        yield from self._list_side_characteristics(lower)
+        yield from self._yield_side_characteristics(lower)
         if mounting is not None:
             holes = (self._describe_hole(mounting, -0.5), self._describe_hole(mounting, 0.5))
             yield make_characteristic(
                 "hole_spacing", "distance", mounting.spacing, *holes, method=MACHINE
             )
         yield self._state_edge_break()
-        yield from self._list_engraving_characteristics()
+        yield from self._yield_engraving_characteristics()
         if mounting is not None:
-            yield from self._list_hole_characteristics(mounting, lower)
+            yield from self._yield_hole_characteristics(mounting, lower)
         if edge is not None:
             label = "working edge from the left side"
             yield make_location_characteristic("edge_position", label, half_length, left, edge)
@@ -408,8 +408,8 @@ class Block(Part):
         if mounting is not None and mounting.kind == "tapped":
             yield self._state_thread(mounting)
 
-    def _list_side_characteristics(self, lower: FaceRule) -> Iterator[Characteristic]:
-        """List length, width and thickness; `lower` is the lower working face."""
+    def _yield_side_characteristics(self, lower: FaceRule) -> Iterator[Characteristic]:
+        """Yield length, width and thickness; `lower` is the lower working face."""
         body = self.body
         left = describe_plane(0, -body.half_length)
         right = describe_plane(0, body.half_length)
@@ -436,8 +436,8 @@ class Block(Part):
             body.edge_break, right, EdgeRule(slope, describe_plane(2, body.base))
         )
 
-    def _list_engraving_characteristics(self) -> Iterator[Characteristic]:
-        """List depth and height of the letters, if there are some."""
+    def _yield_engraving_characteristics(self) -> Iterator[Characteristic]:
+        """Yield depth and height of the letters, if there are some."""
         engraving = self.body.engraving
         if engraving is None:
             return
@@ -459,10 +459,10 @@ class Block(Part):
             method=MICROSCOPE,
         )
 
-    def _list_hole_characteristics(
+    def _yield_hole_characteristics(
         self, mounting: Mounting, lower: FaceRule
     ) -> Iterator[Characteristic]:
-        """List depth and place of the fixing holes, measured at the left one."""
+        """Yield depth and place of the fixing holes, measured at the left one."""
         half_length = self.body.half_length
         half_width = self.body.half_width
         hole = self._describe_hole(mounting, -0.5)

@@ -140,7 +140,7 @@ def resolve_felt_tolerance(part: Part, grid: PredictionGrid) -> Part:
         If nothing rings under the conditions, or no limits keep the energy.
     """
     tolerance: FeltTolerance = part.tolerance  # type: ignore[attr-defined]  # has_felt_tolerance
-    conditions = list(_list_releasing_conditions(part, grid))
+    conditions = list(_yield_releasing_conditions(part, grid))
     if not conditions:
         raise StimulusError("tolerance needs a condition of the prediction that releases, got none")
     fixed = {}
@@ -177,7 +177,7 @@ def _set_felt_limits(size: Dimension, limit: Deviations) -> Dimension:
     )
 
 
-def _list_releasing_conditions(
+def _yield_releasing_conditions(
     part: Part, grid: PredictionGrid
 ) -> Iterator[tuple[Counterface, OperatingPoint]]:
     """Yield counterface and condition wherever the tip is released, all at the first load.

@@ -186,7 +186,7 @@ class Part(Table, ABC):
 
     @abstractmethod
     def characteristics(self) -> Iterator[Characteristic]:
-        """List what a workshop must hold, in the order of the inspection sheet."""
+        """Yield what a workshop must hold, in the order of the inspection sheet."""
 
     @abstractmethod
     def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Verdict]:

@@ -52,7 +52,7 @@ class _Segment:
     middle: Point | None = None  # of an arc
 
 
-def _list_segments(outline: Outline) -> Iterator[_Segment]:
+def _yield_segments(outline: Outline) -> Iterator[_Segment]:
     """Yield the segments of an outline, that which closes it not among them."""
     start = cast(Point, outline[0])
     for item in outline[1:]:
@@ -69,7 +69,7 @@ def compute_revolution_volume(outline: Outline) -> float:
     """Compute the volume of a turned outline [m^3]: contour integral of pi r^2 dz."""
     total = 0.0
     closed = [*outline, outline[0]]
-    for segment in _list_segments(closed):
+    for segment in _yield_segments(closed):
         if segment.middle is not None:
             total += _integrate_arc(segment.start, segment.middle, segment.end)
         else:
@@ -155,7 +155,7 @@ def list_outline_points(outline: Outline, chord: float) -> list[Point]:
         Points in the order of the outline, the first not repeated.
     """
     points = [cast(Point, outline[0])]
-    for segment in _list_segments(outline):
+    for segment in _yield_segments(outline):
         if segment.middle is not None:
             points += _list_arc_points(segment.start, segment.middle, segment.end, chord)
         points.append(segment.end)

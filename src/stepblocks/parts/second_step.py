@@ -168,7 +168,7 @@ class SecondStep(Table):
                 label="second edge from the working edge",
                 method="profilometer",
             )
-        yield from self._list_face_demands(body, demands, behind, wall, upper)
+        yield from self._yield_face_demands(body, demands, behind, wall, upper)
 
     def _state_edge_radius(
         self, x: float, middle: float, upper: FaceRule, behind: FaceRule
@@ -193,7 +193,7 @@ class SecondStep(Table):
         low = min(height, height + self.rise)
         return low + 0.5 * (self.height.nominal - self.edge_radius.nominal)
 
-    def _list_face_demands(
+    def _yield_face_demands(
         self,
         body: Body,
         demands: FaceDemands,
@@ -201,7 +201,7 @@ class SecondStep(Table):
         wall: FaceRule | None,
         upper: FaceRule,
     ) -> Iterator[Characteristic]:
-        """List form of the face behind it, and burr, angle and straightness of its edge."""
+        """Yield form of the face behind it, and burr, angle and straightness of its edge."""
         chamfer = body.edge_break.nominal
         extent = (
             body.half_length - self.distance.nominal - chamfer,

@@ -227,7 +227,7 @@ def _predict_channels(
         + np.einsum("nck,k->nc", compute_responses(state) ** 2, learned.quantity_std**2)
         + learned.channel_std**2
     )
-    for unseen in _list_unseen_variances(design, fitted, learned, mean):
+    for unseen in _yield_unseen_variances(design, fitted, learned, mean):
         variance += unseen
     known_blocks = []
     for block in learned.blocks:
@@ -268,10 +268,10 @@ def _compute_jacobian(design: BenchDesign, fitted: LearnedFit, mean: Floats) -> 
     return jacobian
 
 
-def _list_unseen_variances(
+def _yield_unseen_variances(
     design: BenchDesign, fitted: LearnedFit, learned: LearnedModel, mean: Floats
 ) -> Iterator[Floats]:
-    """List variances of the channels for a day, a batch or an hour not in the session.
+    """Yield variances of the channels for a day, a batch or an hour not in the session.
 
     Such a value is as uncertain as those that the session had differ.
     """

@@ -161,7 +161,7 @@ def compare_stimuli(
     if not isinstance(stimuli, StimulusSet):
         stimuli = load_set(Path(stimuli))
     return tabulate_pairs(
-        list_pairs(stimuli, predict_and_drag_set(stimuli, dragged, speed), discrimination)
+        yield_pairs(stimuli, predict_and_drag_set(stimuli, dragged, speed), discrimination)
     )
 
 
@@ -180,7 +180,7 @@ def tabulate_predictions(
 
     The next one is the neighbour that is higher; the cells are NaN where there is none.
     """
-    pairs = list_pairs(stimuli, predictions, discrimination, only_neighbours=True)
+    pairs = yield_pairs(stimuli, predictions, discrimination, only_neighbours=True)
     distances = {id(pair.first): pair.distance for pair in pairs}
     unknown = JndDistance(math.nan, math.nan, math.nan)
     rows = []
@@ -197,14 +197,14 @@ def tabulate_predictions(
     return rows
 
 
-def list_pairs(
+def yield_pairs(
     stimuli: StimulusSet,
     predictions: Iterable[Prediction],
     discrimination: Discrimination = LITERATURE,
     *,
     only_neighbours: bool = False,
 ) -> Iterator[Pair]:
-    """List the pairs of a set's stimuli that ring under the same condition.
+    """Yield the pairs of a set's stimuli that ring under the same condition.
 
     Tips and sheaths are no stimuli to compare: what is felt of them depends on the step.
     """
@@ -214,7 +214,7 @@ def list_pairs(
     if count > _MOST_PAIRS:
         raise PipelineError(f"a set must have at most {_MOST_PAIRS} pairs, got {count}")
     for group in groups:
-        yield from _list_pairs_of_condition(stimuli, parts, group, discrimination, only_neighbours)
+        yield from _yield_pairs_of_condition(stimuli, parts, group, discrimination, only_neighbours)
 
 
 def _count_pairs(stimuli: int, only_neighbours: bool) -> int:
@@ -252,14 +252,14 @@ def _name_kind(face: Counterface) -> str:
     return type(face).__name__
 
 
-def _list_pairs_of_condition(
+def _yield_pairs_of_condition(
     stimuli: StimulusSet,
     parts: dict[str, Part],
     group: list[Prediction],
     discrimination: Discrimination,
     only_neighbours: bool,
 ) -> Iterator[Pair]:
-    """List the pairs under one condition, in rising order."""
+    """Yield the pairs under one condition, in rising order."""
     energies, felt_by = choose_energies(group)
     ringing = []
     for prediction, energy in zip(group, energies, strict=True):

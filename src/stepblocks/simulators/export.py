@@ -137,7 +137,7 @@ def export_scenes(
         contacts = _resolve_set(stimuli, learned, step_height, ring, overrides)
         batches.append(_gather_batch(stimuli, source, contacts, order))
     if order.device is not None:
-        require_renderable(_list_plans(order.device, batches))
+        require_renderable(_yield_plans(order.device, batches))
     exported: list[Exported] = []
     with make_draft_folder(Path(output)) as draft:
         for batch in batches:
@@ -243,7 +243,7 @@ def _gather_batch(
     return _Batch(stimuli, source, contacts, meant, scale)
 
 
-def _list_plans(device: Device, batches: list[_Batch]) -> Iterator[RenderingPlan]:
+def _yield_plans(device: Device, batches: list[_Batch]) -> Iterator[RenderingPlan]:
     """Plan how a device renders each stimulus that is meant."""
     for batch in batches:
         for contact in batch.meant.values():

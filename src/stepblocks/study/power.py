@@ -349,7 +349,7 @@ class _Question:
         plan = plan_comparing(self.heights, self.energies, self.standard, trials, self.observer)
         return plan.compare_intervals(self.measure, self.runs, self.seed)
 
-    def list_pairs(self, participants: int, repetitions: int) -> Iterator[dict[str, object]]:
+    def yield_power_rows(self, participants: int, repetitions: int) -> Iterator[dict[str, object]]:
         """Yield the power of one size for each block against the standard, as a row."""
         self.check_standard()
         trials = 2 * repetitions  # in either order
@@ -538,7 +538,7 @@ def study_power(
             participants = ()
         for people, times in itertools.product(participants, repetitions):
             if kind == "constant":
-                rows += question.list_pairs(people, times)
+                rows += question.yield_power_rows(people, times)
             else:
                 rows.append(question.estimate_row(people, times))
     table = pd.DataFrame(rows)

@@ -63,7 +63,7 @@ def read_check(path: Path) -> SessionCheck:
         raise PipelineError(texts.NO_CHECK_RESULT.format(path=path)) from error
 
 
-def list_rows(check: SessionCheck) -> list[CheckRow]:
+def list_check_rows(check: SessionCheck) -> list[CheckRow]:
     """List what a check shows of spring, load, sample rate and ring, row by row."""
     rows = []
     if check.spring is not None:
@@ -187,7 +187,7 @@ class DeclarationCheck:
         ui.label(texts.CHECKED.format(measured=check.measured, total=check.looked_at)).props(
             "role=status"
         )
-        rows = list_rows(check)
+        rows = list_check_rows(check)
         if rows:
             columns = make_columns(texts.CHECK_COLUMNS)
             table = ui.table(columns=columns, rows=[vars(row) for row in rows])

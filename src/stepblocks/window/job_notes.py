@@ -80,7 +80,7 @@ class JobNotes:
         """
         state = _make_state_folder()
         records: list[tuple[JobRecord, Path]] = []
-        for place in _list_places(state):
+        for place in _yield_places(state):
             is_here = place.name.startswith(self._prefix)
             if not is_here and not _is_old(place):
                 continue
@@ -141,7 +141,7 @@ def _read_records(place: Path) -> list[tuple[JobRecord, Path]]:
     return records
 
 
-def _list_places(state: Path) -> Iterator[Path]:
+def _yield_places(state: Path) -> Iterator[Path]:
     """Yield the folders of notes that are this user's alone."""
     try:
         found = sorted(state.iterdir())

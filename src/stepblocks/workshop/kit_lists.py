@@ -66,7 +66,7 @@ def tabulate_parts(kit: Apparatus) -> list[dict[str, object]]:
     for group in _group_bought(components):
         items_of_group = [items[component.name] for component in group]
         rows.append(_make_row(BOUGHT, items_of_group, group))
-    rows += _list_weights(kit, items[WEIGHT_NAME])
+    rows += _yield_weights(kit, items[WEIGHT_NAME])
     for fastener in _FASTENERS:
         rows.append(_make_unnumbered_row(fastener.count, fastener.what, fastener.purpose))
     return rows
@@ -100,7 +100,7 @@ def _make_row(source: str, items: Sequence[int], parts: Sequence[Component]) -> 
     }
 
 
-def _list_weights(kit: Apparatus, item: int) -> Iterator[dict[str, object]]:
+def _yield_weights(kit: Apparatus, item: int) -> Iterator[dict[str, object]]:
     """Yield a row for each weight; those on the explorer share an item."""
     for mass in kit.normal_weights:
         what = describe_bored_weight(mass)

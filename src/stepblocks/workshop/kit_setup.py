@@ -96,7 +96,7 @@ def write_kit_setup(folder: Path, part: KitPart) -> list[Path]:
         component=component,
         stock=_describe_stock(stock),
         setups=[line for line, _ in setups],
-        probed=list(_list_probed(part, component, setups)),
+        probed=list(_yield_probed(part, component, setups)),
         probe=f"{PROBE * 1e6:g} um",
         guard=GUARD_FACTOR,
     )
@@ -173,7 +173,7 @@ def _describe_bore(component: Component, bore: Cylinder) -> str:
     return f"{name}: drill {diameter}"
 
 
-def _list_probed(
+def _yield_probed(
     part: KitPart,
     component: Component,
     setups: Sequence[tuple[SetupLine, list[Cylinder]]],

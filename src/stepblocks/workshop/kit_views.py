@@ -289,7 +289,7 @@ def _list_half_circle(view: _PlacedView, cylinder: Cylinder) -> list[Point]:
 def _label_cylinders(sheet: Sheet, view: _PlacedView, component: Component) -> None:
     """Write the number of each rod and bore where the view looks along it, on no line."""
     lines = _collect_drawn_lines(view, component)
-    for text, cylinder in _list_labelled(component):
+    for text, cylinder in _yield_labelled(component):
         if cylinder.axis_index != view.direction.out:
             continue
         width = compute_text_width(text, _LABEL_HEIGHT)
@@ -333,8 +333,8 @@ def _trace_circle(view: _PlacedView, cylinder: Cylinder) -> Circle:
     return Circle(centre, view.scale_length(0.5 * cylinder.diameter))
 
 
-def _list_labelled(component: Component) -> Iterator[tuple[str, Cylinder]]:
-    """List rods and bores with what stands at them."""
+def _yield_labelled(component: Component) -> Iterator[tuple[str, Cylinder]]:
+    """Yield rods and bores with what stands at them."""
     for number, rod in enumerate(component.rods, start=1):
         yield f"R{number}", rod
     for number, bore in enumerate(component.bores, start=1):

@@ -134,7 +134,7 @@ def find_routes(block: StepBlock, capability: float, point: OperatingPoint) -> l
         raise MachiningError(f"capability must be positive, got {capability:g} m")
     routes = []
     for process in load_processes():
-        for variant in _list_variants(block, process, capability):
+        for variant in _yield_variants(block, process, capability):
             routes.append(_make_route(block, variant, point))
     return sorted(routes, key=_rank_cost)
 
@@ -146,8 +146,8 @@ def _rank_cost(route: Route) -> float:
     return route.process.cost.value
 
 
-def _list_variants(block: StepBlock, process: Process, capability: float) -> Iterator[_Variant]:
-    """List the ways to use a process for a block; gauge blocks come in grades."""
+def _yield_variants(block: StepBlock, process: Process, capability: float) -> Iterator[_Variant]:
+    """Yield the ways to use a process for a block; gauge blocks come in grades."""
     height = block.height.nominal
     if process.name == ONE_PIECE:
         yield _Variant(process, process.name, capability, process.note)
@@ -193,31 +193,31 @@ def _make_route(block: StepBlock, variant: _Variant, point: OperatingPoint) -> R
         note=variant.note,
         felt=estimate_interval(step, point, felt_std),
         conforming=_compute_conforming_share(block, variant),
-        missed=tuple(_list_missed(block, variant)),
-        unknown=tuple(_list_demands_without_figures(block)),
+        missed=tuple(_yield_missed(block, variant)),
+        unknown=tuple(_yield_demands_without_figures(block)),
     )
 
 
-def _list_missed(block: StepBlock, variant: _Variant) -> Iterator[str]:
-    """List what the largest deviations of a route put outside its limits, the material first."""
+def _yield_missed(block: StepBlock, variant: _Variant) -> Iterator[str]:
+    """Yield what the largest deviations of a route put outside its limits, the material first."""
     process = variant.process
     family = block.material.family
     if family is not None and family not in process.materials:
         yield "material"
     if process.name == GAUGE_BLOCKS:
-        yield from _list_missed_by_gauge_blocks(block)
-    yield from _list_missed_at_edge(block, process, variant.deviation)
+        yield from _yield_missed_by_gauge_blocks(block)
+    yield from _yield_missed_at_edge(block, process, variant.deviation)
     if process.roughness.value > block.face_demands["roughness"].upper + _EXACT:
         yield "roughness"
     second = _find_second_edge(block)
     if second is not None and process.name != GAUGE_BLOCKS:
         deviation = _find_deviation(process, second.height.nominal, variant)
-        for missed in _list_missed_at_edge(second, process, deviation):
+        for missed in _yield_missed_at_edge(second, process, deviation):
             yield f"second {missed}"
 
 
-def _list_missed_by_gauge_blocks(block: StepBlock) -> Iterator[str]:
-    """List the features that two gauge blocks have not."""
+def _yield_missed_by_gauge_blocks(block: StepBlock) -> Iterator[str]:
+    """Yield the features that two gauge blocks have not."""
     if block.metrology is not None:
         yield block.metrology.kind
     if block.relief is not None:
@@ -226,8 +226,8 @@ def _list_missed_by_gauge_blocks(block: StepBlock) -> Iterator[str]:
         yield "second step"
 
 
-def _list_missed_at_edge(block: StepBlock, process: Process, deviation: float) -> Iterator[str]:
-    """List what a process misses of height, edge radius and burr of an edge."""
+def _yield_missed_at_edge(block: StepBlock, process: Process, deviation: float) -> Iterator[str]:
+    """Yield what a process misses of height, edge radius and burr of an edge."""
     if deviation > min(block.height.upper, -block.height.lower) + _EXACT:
         yield "height"
     least, largest = block.edge_radius.limits
@@ -255,8 +255,8 @@ def _find_deviation(process: Process, height: float, variant: _Variant) -> float
     return process.height.value + process.share.value * height
 
 
-def _list_demands_without_figures(block: StepBlock) -> Iterator[str]:
-    """List the demands on a block of which no route has figures, the material among them."""
+def _yield_demands_without_figures(block: StepBlock) -> Iterator[str]:
+    """Yield the demands on a block of which no route has figures, the material among them."""
     if block.material.family is None:
         yield "material"
     for characteristic in block.characteristics():

@@ -150,7 +150,7 @@ def list_left_dimensions(block: Block) -> list[LeftDimension]:
     mounting = block.body.mounting
     lines: list[LeftDimension] = []
     if mounting is not None and mounting.kind == "tapped":
-        lines += _list_core_holes(mounting, ground)
+        lines += _yield_core_holes(mounting, ground)
     if allowances.mills_top:
         milled = Band.around(block.sides[2] + allowances.base + allowances.top, _MILLING)
         lines.append(LeftDimension(2, "milled_height", "height over both milled faces", milled))
@@ -170,7 +170,7 @@ def list_left_dimensions(block: Block) -> list[LeftDimension]:
         lines.append(LeftDimension(4, "ground_off_base", "ground off the base", ground))
     lines.append(as_ground)
     if block.body.edge_break.nominal > 0.0:
-        lines += _list_edge_breaks(block, lapped)
+        lines += _yield_edge_breaks(block, lapped)
     return lines
 
 
@@ -221,8 +221,8 @@ def _find_base_grinding_removal(block: Block, allowances: Allowances) -> Band:
     return Band.around(allowances.base, min(spread, allowances.base))
 
 
-def _list_core_holes(mounting: Mounting, ground: Band) -> Iterator[LeftDimension]:
-    """List depth of core holes and threads from the base as it is drilled, before it is ground."""
+def _yield_core_holes(mounting: Mounting, ground: Band) -> Iterator[LeftDimension]:
+    """Yield depth of core holes and threads from the base as it is drilled, before it is ground."""
     depth = Band.from_dimension(mounting.depth)
     drilled = Band(depth.low + ground.high, depth.high + ground.low)
     yield LeftDimension(1, "drilled_depth", "depth of the core holes", drilled)
@@ -247,8 +247,8 @@ def _find_counterbore_floor(mounting: Mounting, thickness: Band, ground: Band) -
     return Band(lowest, highest)
 
 
-def _list_edge_breaks(block: Block, lapped: Band) -> Iterator[LeftDimension]:
-    """List the legs of edge breaks on faces that are ground, and still to be lapped or cut."""
+def _yield_edge_breaks(block: Block, lapped: Band) -> Iterator[LeftDimension]:
+    """Yield the legs of edge breaks on faces that are ground, and still to be lapped or cut."""
     leg = Band.from_dimension(block.body.edge_break)
     yield LeftDimension(5, "edge_break_base", "leg at the base and of upright edges", leg)
     drops = _find_drops(block)

@@ -139,9 +139,9 @@ def check_step_in_worker(path: Path, require_ap242: bool) -> dict[str, object]:
         schema=file.schema,
         dimensions=tuple(dimensions),
         tolerances=tuple(tolerances),
-        materials=tuple(_list_material_names(file)),
+        materials=tuple(_yield_material_names(file)),
         densities=tuple(densities),
-        textures=tuple(_list_textures(file)),
+        textures=tuple(_yield_textures(file)),
         findings=tuple(findings),
     )
     return asdict(report)
@@ -188,15 +188,15 @@ def _check_tolerance(tolerance: Characteristic, require_face: bool) -> Iterator[
         yield f"{tolerance.ref} {tolerance.kind}: names no face"
 
 
-def _list_textures(file: Exchange) -> Iterator[Texture]:
-    """List the surface textures that are stated, one for each face."""
+def _yield_textures(file: Exchange) -> Iterator[Texture]:
+    """Yield the surface textures that are stated, one for each face."""
     for _, parameters in file.find_instances("PROPERTY_DEFINITION_REPRESENTATION"):
         definition, representation = parameters[:2]
         defined = file.get_parameters(definition, "PROPERTY_DEFINITION")
         if not defined or defined[0] != "surface texture":
             continue
         _, _, owner = defined
-        for item in _list_items(file, representation):
+        for item in _yield_items(file, representation):
             measure = read_measure(file, item)
             if measure is None:
                 continue
@@ -204,19 +204,19 @@ def _list_textures(file: Exchange) -> Iterator[Texture]:
                 yield Texture(face.ref, measure.si)
 
 
-def _list_items(file: Exchange, representation: object) -> Iterator[object]:
-    """List the items of a representation; empty where the reference is not one."""
+def _yield_items(file: Exchange, representation: object) -> Iterator[object]:
+    """Yield the items of a representation; empty where the reference is not one."""
     parameters = file.get_parameters(representation, "REPRESENTATION")
     if len(parameters) > 1:
         yield from parameters[1]
 
 
-def _list_material_names(file: Exchange) -> Iterator[str]:
-    """List the names of materials that a file states."""
+def _yield_material_names(file: Exchange) -> Iterator[str]:
+    """Yield the names of materials that a file states."""
     for ref, parameters in file.find_instances("REPRESENTATION"):
         if len(parameters) != 3 or "material name" not in str(parameters[0]).lower():
             continue
-        for item in _list_items(file, ref):
+        for item in _yield_items(file, ref):
             yield from map(str, file.get_parameters(item, "DESCRIPTIVE_REPRESENTATION_ITEM")[:1])
 
 

@@ -163,7 +163,7 @@ def _read_limits(file: Exchange, ref: str) -> _Limits:
 def _read_labelled_values(file: Exchange, ref: str) -> _Limits:
     """Read the values of a dimension: the first is the nominal, limits are labelled."""
     nominal = upper = lower = None
-    for representation in _list_related(file, ref, "DIMENSIONAL_CHARACTERISTIC_REPRESENTATION", 0):
+    for representation in _yield_related(file, ref, "DIMENSIONAL_CHARACTERISTIC_REPRESENTATION", 0):
         parameters = file.get_parameters(representation, "SHAPE_DIMENSION_REPRESENTATION")
         if len(parameters) < 2:
             continue
@@ -198,7 +198,7 @@ def _read_label(file: Exchange, item: object) -> str:
 
 def _read_deviations(file: Exchange, ref: str, nominal: Measure) -> _Limits:
     """Read the lower and the upper deviation of a PLUS_MINUS_TOLERANCE."""
-    for tolerance in _list_related(file, ref, "PLUS_MINUS_TOLERANCE", 1):
+    for tolerance in _yield_related(file, ref, "PLUS_MINUS_TOLERANCE", 1):
         bounds = file.get_parameters(tolerance, "TOLERANCE_VALUE")
         if not bounds:
             continue
@@ -213,7 +213,7 @@ def _read_deviations(file: Exchange, ref: str, nominal: Measure) -> _Limits:
     return _Limits(nominal)
 
 
-def _list_related(file: Exchange, ref: str, entity: str, place: int) -> Iterator[object]:
+def _yield_related(file: Exchange, ref: str, entity: str, place: int) -> Iterator[object]:
     """Yield what entities of two parameters link with an instance.
 
     Parameters

@@ -82,7 +82,7 @@ class Component:
     @property
     def volume(self) -> float:
         """Volume in closed form [m^3]."""
-        return math.fsum(share.volume for share in self._list_shares())
+        return math.fsum(share.volume for share in self._yield_shares())
 
     @property
     def mass(self) -> float:
@@ -133,9 +133,9 @@ class Component:
 
     def _sum_moments(self, axis: int) -> float:
         """Sum volumes times the coordinates of their centres along an axis [m^4]."""
-        return math.fsum(share.volume * share.centre[axis] for share in self._list_shares())
+        return math.fsum(share.volume * share.centre[axis] for share in self._yield_shares())
 
-    def _list_shares(self) -> Iterator[_Share]:
+    def _yield_shares(self) -> Iterator[_Share]:
         """Yield what it is made of with its sign."""
         for box in self.boxes:
             yield _Share(box.volume, box.centre)

@@ -21,28 +21,28 @@ _LEAST_OFFSET = 0.5e-3  # of an axis from a side, from which on it is stated [m]
 _UNCOVERED = 0.05e-3  # deviation of what the general tolerances do not cover [m]
 
 
-def list_component_characteristics(component: Component) -> Iterator[Characteristic]:
-    """List the characteristics of a component, in the order of its inspection sheet."""
+def yield_component_characteristics(component: Component) -> Iterator[Characteristic]:
+    """Yield the characteristics of a component, in the order of its inspection sheet."""
     for axis in range(3):
-        yield from _list_plane_characteristics(component, axis)
+        yield from _yield_plane_characteristics(component, axis)
     yield from component.held
     for number, rod in enumerate(component.rods, start=1):
-        yield from _list_cylinder_characteristics(component, rod, f"rod_{number}", f"rod {number}")
+        yield from _yield_cylinder_characteristics(component, rod, f"rod_{number}", f"rod {number}")
     for number, bore in enumerate(component.bores, start=1):
-        yield from _list_cylinder_characteristics(
+        yield from _yield_cylinder_characteristics(
             component, bore, f"bore_{number}", f"bore {number}"
         )
 
 
-def _list_plane_characteristics(component: Component, axis: int) -> Iterator[Characteristic]:
-    """List the size over all along an axis, and the places of the faces between its ends."""
+def _yield_plane_characteristics(component: Component, axis: int) -> Iterator[Characteristic]:
+    """Yield the size over all along an axis, and the places of the faces between its ends."""
     extent = component.bounding_box
     low, high = extent.low[axis], extent.high[axis]
     planes = _list_plane_places(component, axis)
     if not _is_among(low, planes):  # round from there: its diameter says it
         return
     lowest = describe_plane(axis, low)
-    held = list(_list_held_places(component, axis))
+    held = list(_yield_held_places(component, axis))
     name = _OVERALL[axis]
     if _is_among(high, planes) and not _is_among(high, held):
         size = _make_general_dimension(high - low)
@@ -84,18 +84,18 @@ def _is_among(place: float, places: list[float]) -> bool:
     return any(abs(place - known) < _SAME for known in places)
 
 
-def _list_held_places(component: Component, axis: int) -> Iterator[float]:
-    """List where the upper faces of distances with a tolerance of their own lie on an axis [m]."""
+def _yield_held_places(component: Component, axis: int) -> Iterator[float]:
+    """Yield where the upper faces of distances with a tolerance of their own lie on an axis [m]."""
     for characteristic in component.held:
         _, upper = characteristic.faces
         if isinstance(upper, FaceRule) and upper.axis == axis:
             yield upper.at
 
 
-def _list_cylinder_characteristics(
+def _yield_cylinder_characteristics(
     component: Component, cylinder: Cylinder, key: str, label: str
 ) -> Iterator[Characteristic]:
-    """List the diameter of a rod or bore, and where its axis lies."""
+    """Yield the diameter of a rod or bore, and where its axis lies."""
     holds = {}
     for axis in (*cylinder.cross_axis_indices, cylinder.axis_index):
         holds[axis] = cylinder.middle[axis]

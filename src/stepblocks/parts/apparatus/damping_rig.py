@@ -44,8 +44,8 @@ _CLAMPS = (
 )
 
 
-def list_damping_rig_components(displacement: float) -> Iterator[Component]:
-    """List the components of the rig; its slide lifts the shank by a displacement [m]."""
+def yield_damping_rig_components(displacement: float) -> Iterator[Component]:
+    """Yield the components of the rig; its slide lifts the shank by a displacement [m]."""
     for clamp in _CLAMPS:
         yield _make_lower_half(clamp)
         yield _make_upper_half(clamp)

@@ -30,8 +30,8 @@ _SEAT_SCREWS = ((0.0, -10.0), (0.0, 10.0))
 _BLOCK_SCREWS = (-6.0, 6.0)  # their x
 
 
-def list_frame_components(carriage_low: float) -> Iterator[Component]:
-    """List the components of the frame, for a carriage whose lower face lies at a height [mm]."""
+def yield_frame_components(carriage_low: float) -> Iterator[Component]:
+    """Yield the components of the frame, for a carriage whose lower face lies at a height [mm]."""
     shaft_height = carriage_low + SHAFT_RISE
     yield _make_base()
     yield _make_seat()

@@ -50,7 +50,7 @@ def find_interferences(components: Sequence[Component], travel: float) -> list[I
     """Find all pairs of components that share volume somewhere on the travel [m]."""
     bodies = {component.name: component.build() for component in components}
     found = []
-    for pair in _list_pairs(components, travel):
+    for pair in _yield_pairs(components, travel):
         if not _boxes_overlap(pair):
             continue
         volume = _compute_shared_volume(pair, bodies)
@@ -59,7 +59,7 @@ def find_interferences(components: Sequence[Component], travel: float) -> list[I
     return found
 
 
-def _list_pairs(components: Sequence[Component], travel: float) -> Iterator[_Pair]:
+def _yield_pairs(components: Sequence[Component], travel: float) -> Iterator[_Pair]:
     """Yield all pairs at the middle of the travel, then what moves beside what stands."""
     for first, second in itertools.combinations(components, 2):
         yield _Pair(first, second, 0.0)

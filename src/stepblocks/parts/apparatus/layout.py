@@ -4,17 +4,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from stepblocks.parts.apparatus.component import Component
-from stepblocks.parts.apparatus.damping_rig import list_damping_rig_components
+from stepblocks.parts.apparatus.damping_rig import yield_damping_rig_components
 from stepblocks.parts.apparatus.declared import Apparatus
-from stepblocks.parts.apparatus.frame import list_frame_components, make_stand_in_block
+from stepblocks.parts.apparatus.frame import make_stand_in_block, yield_frame_components
 from stepblocks.parts.apparatus.probe_arm import (
     find_carriage_height,
-    list_balanced_arm_components,
-    list_carriage_components,
-    list_yoke_components,
     make_flexure,
+    yield_balanced_arm_components,
+    yield_carriage_components,
+    yield_yoke_components,
 )
-from stepblocks.parts.apparatus.pull import list_pull_components
+from stepblocks.parts.apparatus.pull import yield_pull_components
 
 
 @dataclass(frozen=True)
@@ -44,14 +44,14 @@ def list_stages(kit: Apparatus, weight: float | None = None) -> list[Stage]:
     if weight is None:
         weight = max(kit.normal_weights)
     carriage_low = find_carriage_height(kit.flexure)
-    flexure_and_pivot = [make_flexure(kit.flexure), *list_yoke_components()]
-    block_and_pull = [make_stand_in_block(), *list_pull_components()]
-    damping_rig = list_damping_rig_components(kit.displacement.value)
+    flexure_and_pivot = [make_flexure(kit.flexure), *yield_yoke_components()]
+    block_and_pull = [make_stand_in_block(), *yield_pull_components()]
+    damping_rig = yield_damping_rig_components(kit.displacement.value)
     return [
-        Stage("frame", list(list_frame_components(carriage_low))),
-        Stage("carriage", list(list_carriage_components(carriage_low))),
+        Stage("frame", list(yield_frame_components(carriage_low))),
+        Stage("carriage", list(yield_carriage_components(carriage_low))),
         Stage("flexure and pivot", flexure_and_pivot),
-        Stage("arm", list(list_balanced_arm_components(weight))),
+        Stage("arm", list(yield_balanced_arm_components(weight))),
         Stage("block and pull", block_and_pull),
         Stage("damping rig", list(damping_rig)),
     ]

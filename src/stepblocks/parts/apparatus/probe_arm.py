@@ -55,9 +55,9 @@ def find_carriage_height(leaf: Flexure) -> float:
     return _FOOT + 1e3 * leaf.length.nominal + _END
 
 
-def list_balanced_arm_components(weight: float) -> Iterator[Component]:
-    """List the arm with clamp and explorer, a weight [kg] on it, and what balances it."""
-    arm = list(_list_arm_components())
+def yield_balanced_arm_components(weight: float) -> Iterator[Component]:
+    """Yield the arm with clamp and explorer, a weight [kg] on it, and what balances it."""
+    arm = list(_yield_arm_components())
     yield from arm
     yield _make_weight(weight)
     rod = _make_balance_rod()
@@ -65,8 +65,8 @@ def list_balanced_arm_components(weight: float) -> Iterator[Component]:
     yield _make_counterweight([*arm, rod])
 
 
-def list_carriage_components(low: float) -> Iterator[Component]:
-    """List the carriage with its linear bearings and the hook of the cord.
+def yield_carriage_components(low: float) -> Iterator[Component]:
+    """Yield the carriage with its linear bearings and the hook of the cord.
 
     Its lower face lies at a height [mm].
     """
@@ -141,7 +141,7 @@ def make_flexure(leaf: Flexure) -> Component:
         "1.4301",
         boxes=(*ends, *_make_leaves(leaf)),
         bores=tuple(screws),
-        held=tuple(_list_leaf_distances(leaf)),
+        held=tuple(_yield_leaf_distances(leaf)),
         is_moving=True,
     )
 
@@ -160,8 +160,8 @@ def _make_leaves(leaf: Flexure) -> list[Box]:
     return leaves
 
 
-def _list_leaf_distances(leaf: Flexure) -> Iterator[Characteristic]:
-    """List the distances of the flexure that decide its stiffness and its output."""
+def _yield_leaf_distances(leaf: Flexure) -> Iterator[Characteristic]:
+    """Yield the distances of the flexure that decide its stiffness and its output."""
     rear, front = _make_leaves(leaf)
     rear_x, rear_y, foot = rear.low
     front_x, _, _ = front.low
@@ -191,8 +191,8 @@ def _hold_distance(
     return make_characteristic(key, "distance", size, first, second, label=label, method=MICROMETER)
 
 
-def list_yoke_components() -> Iterator[Component]:
-    """List the yoke with the two ball bearings of the pivot, and its axle."""
+def yield_yoke_components() -> Iterator[Component]:
+    """Yield the yoke with the two ball bearings of the pivot, and its axle."""
     flange = make_box((-56.0, -11.0, 28.0), (-24.0, 11.0, 36.0))
     left_ear = make_box((-48.0, -11.0, -6.0), (-32.0, -5.0, 28.0))
     right_ear = make_box((-48.0, 5.0, -6.0), (-32.0, 11.0, 28.0))
@@ -230,8 +230,8 @@ def list_yoke_components() -> Iterator[Component]:
     )
 
 
-def _list_arm_components() -> Iterator[Component]:
-    """List the arm with its clamp, and the explorer, whose tip is the origin."""
+def _yield_arm_components() -> Iterator[Component]:
+    """Yield the arm with its clamp, and the explorer, whose tip is the origin."""
     grip = replace(make_bore("z", (0.0, 0.0, 14.0), _SHANK, 8.0), deviations=_GRIP)
     hub = make_box((-46.0, -4.0, -5.0), (-34.0, 4.0, 22.0))
     beam = make_box((-34.0, -4.0, 14.0), (-8.0, 4.0, 22.0))

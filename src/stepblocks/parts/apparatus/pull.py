@@ -21,8 +21,8 @@ _AXIS = (72.0, -10.0)  # x and z of the pulley
 _H6 = Deviations(0.0, -6e-6)  # of a pin up to 3 mm (ISO 286-2) [m]
 
 
-def list_pull_components() -> Iterator[Component]:
-    """List the components that pull at the hook of the carriage, from pulley to hanger."""
+def yield_pull_components() -> Iterator[Component]:
+    """Yield the components that pull at the hook of the carriage, from pulley to hanger."""
     x, z = _AXIS
     yield _make_bracket()
     wheel = make_rod("y", (x, -2.0, z), 1e3 * PULLEY_DIAMETER, 4.0)

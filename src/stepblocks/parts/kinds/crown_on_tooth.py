@@ -231,7 +231,7 @@ class CrownOnTooth(CrownMargin, Turned):
             outside,
             label="diameter at the margin",
         ).doubled
-        yield from self._list_tooth_heights()
+        yield from self._yield_tooth_heights()
         yield self._state_crown_diameter()
         crown = self.seated_crown
         yield make_characteristic(
@@ -243,10 +243,10 @@ class CrownOnTooth(CrownMargin, Turned):
             body=_CROWN,
         )
         yield self._state_finish_line(outside)
-        yield from self._list_seated_characteristics()
+        yield from self._yield_seated_characteristics()
 
-    def _list_tooth_heights(self) -> Iterator[Characteristic]:
-        """List the heights of preparation and root, together where no shoulder parts them."""
+    def _yield_tooth_heights(self) -> Iterator[Characteristic]:
+        """Yield the heights of preparation and root, together where no shoulder parts them."""
         root = self.root_length
         height = self.preparation_height
         top = describe_plane(2, height.nominal)
@@ -297,8 +297,8 @@ class CrownOnTooth(CrownMargin, Turned):
             label = "finish line, radius of the quarter round"
         return make_characteristic(key, "note", width, label=label, method=MICROSCOPE)
 
-    def _list_seated_characteristics(self) -> Iterator[Characteristic]:
-        """List the gaps between the two bodies, the crown seated on its tooth."""
+    def _yield_seated_characteristics(self) -> Iterator[Characteristic]:
+        """Yield the gaps between the two bodies, the crown seated on its tooth."""
         ceiling = self.seated_crown.inner_roof_height
         tooth_wall = self._describe_wall(_TOOTH)
         outside = FaceRule("CYLINDER", radius=self.margin_radius.nominal, body=_TOOTH)

@@ -12,7 +12,7 @@ from stepblocks.contact.counterface import Counterface
 from stepblocks.errors import ContactError, StimulusError
 from stepblocks.mistakes import list_mistakes
 from stepblocks.parts.apparatus.component import Component
-from stepblocks.parts.apparatus.component_characteristics import list_component_characteristics
+from stepblocks.parts.apparatus.component_characteristics import yield_component_characteristics
 from stepblocks.parts.apparatus.declared import Apparatus
 from stepblocks.parts.apparatus.layout import find_component, list_components, list_made_names
 from stepblocks.parts.apparatus.solids import Cylinder
@@ -124,7 +124,7 @@ class KitPart(Part):
         return hulls
 
     def characteristics(self) -> Iterator[Characteristic]:
-        yield from list_component_characteristics(self.placed_component)
+        yield from yield_component_characteristics(self.placed_component)
 
     def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Verdict]:
         extent = self.placed_component.bounding_box

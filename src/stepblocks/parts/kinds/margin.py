@@ -199,7 +199,7 @@ class MarginBlock(CrownMargin, Block):
         yield make_characteristic(
             "horizontal_discrepancy", "distance", rise, tooth, crown, method=PROFILE
         ).mirrored_to_positive
-        yield from self._list_opening_characteristics(wall, crown)
+        yield from self._yield_opening_characteristics(wall, crown)
         yield from make_form_characteristics(self.face_demands, tooth, crown, "tooth", "crown")
         yield make_characteristic(
             "gap_depth",
@@ -210,18 +210,18 @@ class MarginBlock(CrownMargin, Block):
             label="depth of the gap",
             method="microscope",
         )
-        yield from self.list_body_characteristics(tooth, crown, wall)
+        yield from self.yield_body_characteristics(tooth, crown, wall)
         yield make_burr_characteristic(self.face_demands["burr"], "tooth and crown")
 
-    def _list_opening_characteristics(
+    def _yield_opening_characteristics(
         self, wall: FaceRule, crown: FaceRule
     ) -> Iterator[Characteristic]:
-        """List what holds the way from the tooth's wall to the margin of the crown."""
+        """Yield what holds the way from the tooth's wall to the margin of the crown."""
         opening = self.opening
         gap = self.marginal_gap.nominal
         key = "vertical_discrepancy"
         if opening.nominal > gap:
-            yield from self._list_bevel_characteristics(wall, crown)
+            yield from self._yield_bevel_characteristics(wall, crown)
         elif opening.nominal < 0.0:
             end = describe_plane(0, opening.nominal, z=0.5 * (gap + self.rise))
             label = "vertical discrepancy, lip over the tooth"
@@ -241,10 +241,10 @@ class MarginBlock(CrownMargin, Block):
         elif self.vertical_discrepancy is not None:
             yield make_characteristic(key, "note", opening, method=ACROSS)
 
-    def _list_bevel_characteristics(
+    def _yield_bevel_characteristics(
         self, wall: FaceRule, crown: FaceRule
     ) -> Iterator[Characteristic]:
-        """List place and angle of a bevelled margin."""
+        """Yield place and angle of a bevelled margin."""
         opening = self.opening
         gap = self.marginal_gap.nominal
         middle_x = 0.5 * (gap + opening.nominal)

@@ -443,7 +443,7 @@ class StepBlock(Block):
                 extent = (end, body.width.nominal - 2.0 * chamfer)
             yield replace(form, extent=extent)
         if self.metrology is not None:
-            yield from self._list_groove_or_ridge_characteristics(self.metrology, lower, upper)
+            yield from self._yield_groove_or_ridge_characteristics(self.metrology, lower, upper)
         if self.relief is not None:
             yield from self.relief.make_characteristics(lower)
         wall = None
@@ -452,10 +452,10 @@ class StepBlock(Block):
         if second is not None:
             demands_behind = complete_face_demands(self.working_faces, second.height)
             yield from second.make_characteristics(body, demands_behind, upper, height, wall)
-        yield from self.list_body_characteristics(lower, upper, wall)
+        yield from self.yield_body_characteristics(lower, upper, wall)
         yield from make_edge_characteristics(demands["burr"], wall, lower)
 
-    def _list_groove_or_ridge_characteristics(
+    def _yield_groove_or_ridge_characteristics(
         self, feature: MetrologyFeature, lower: FaceRule, upper: FaceRule
     ) -> Iterator[Characteristic]:
         """Yield depth, width and length of groove or ridge, and its distance from a small arc."""

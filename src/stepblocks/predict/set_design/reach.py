@@ -242,7 +242,7 @@ def _find_nearest(reaches: Callable[[float], bool], present: float) -> float | N
     float or None
         None where no factor of up to 16 does.
     """
-    for failing, factor in _list_factors():
+    for failing, factor in _yield_factors():
         if not reaches(factor):
             continue
         for _ in range(_BISECTIONS):
@@ -255,7 +255,7 @@ def _find_nearest(reaches: Callable[[float], bool], present: float) -> float | N
     return None
 
 
-def _list_factors() -> Iterator[tuple[float, float]]:
+def _yield_factors() -> Iterator[tuple[float, float]]:
     """Yield factors with the one before each in the same direction, nearest to 1 first."""
     before = 1.0
     for factor in _FACTORS:

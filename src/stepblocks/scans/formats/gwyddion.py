@@ -68,7 +68,7 @@ def _fill_units(path: Path) -> _FilledFile:
     name, body, _ = _split_object(raw, len(_MARK))
     items = []
     unstated: dict[int, frozenset[str]] = {}
-    for item in _list_items(body):
+    for item in _yield_items(body):
         number = _find_field_number(item)
         if number is None:
             items.append(item)
@@ -94,7 +94,7 @@ def _fill_field(item: _Item) -> tuple[frozenset[str], _Item]:
     name, body, _ = _split_object(item.payload, 0)
     if name != _FIELD:
         return frozenset(), item
-    items = list(_list_items(body))
+    items = list(_yield_items(body))
     axes: set[str] = set()
     for which, unit_name in _UNIT_NAMES.items():
         stated = [entry for entry in items if entry.name == unit_name]
@@ -111,14 +111,14 @@ def _read_unit(item: _Item) -> bytes:
     if item.kind != b"o":
         return b""
     _, body, _ = _split_object(item.payload, 0)
-    for entry in _list_items(body):
+    for entry in _yield_items(body):
         if entry.name == b"unitstr" and entry.kind == b"s":
             return entry.payload.rstrip(b"\0").strip()
     return b""
 
 
-def _list_items(body: bytes) -> Iterator[_Item]:
-    """List the items of an object."""
+def _yield_items(body: bytes) -> Iterator[_Item]:
+    """Yield the items of an object."""
     begin = 0
     while begin < len(body):
         name, begin = _read_name(body, begin)

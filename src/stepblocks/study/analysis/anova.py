@@ -167,7 +167,7 @@ def run_f_test(
     data = standardised.data
     _check_cells(data, names)
     fit = _fit_factors(data, list(names), interaction)
-    terms = tuple(_list_terms(fit, names, standardised.scale))
+    terms = tuple(_yield_terms(fit, names, standardised.scale))
     if not intervals:
         return FTest(terms, ())
     levels = sorted(data["a"].unique())
@@ -216,7 +216,7 @@ def _fit_factors(
     return fit
 
 
-def _list_terms(
+def _yield_terms(
     fit: "RegressionResultsWrapper", names: dict[str, str], scale: float
 ) -> Iterator[Term]:
     """Yield the type II tests of a fit; `names` are the factors by their letters."""

@@ -112,7 +112,7 @@ def draw_study_figures(result: Analysis) -> Iterator[StudyFigure]:
     from matplotlib.rcsetup import cycler
 
     colours = cycler(color=[look.colour for look in _LOOKS])
-    for drawing in _list_drawings(result):
+    for drawing in _yield_drawings(result):
         with mpl.rc_context({"font.size": 8, "axes.prop_cycle": colours}):
             figure = Figure(figsize=_SIZE, layout="constrained")
             FigureCanvasAgg(figure)
@@ -123,12 +123,12 @@ def draw_study_figures(result: Analysis) -> Iterator[StudyFigure]:
 def draw_main_figure(result: Analysis, ax: "Axes | None" = None) -> "Axes":
     """Draw the first figure of a study, which has one pair of axes, where it is wanted."""
     axes = take_axes(ax)
-    main = next(_list_drawings(result))
+    main = next(_yield_drawings(result))
     main.draw(SimpleNamespace(subplots=lambda: axes), result)
     return axes
 
 
-def _list_drawings(result: Analysis) -> Iterator[_Drawing]:
+def _yield_drawings(result: Analysis) -> Iterator[_Drawing]:
     """Yield the kinds of figures that an analysis has data for."""
     for drawing in _DRAWINGS:
         if drawing.has_data(result):

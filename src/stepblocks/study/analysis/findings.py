@@ -136,9 +136,9 @@ class Analysis:
 
     def differences(self) -> dict[str, Interval]:
         """Return the planned tests of two settings by their names."""
-        return {test.name: test.interval for test in self.list_contrasts()}
+        return {test.name: test.interval for test in self.yield_contrasts()}
 
-    def list_contrasts(self) -> Iterator[ContrastTest]:
+    def yield_contrasts(self) -> Iterator[ContrastTest]:
         """Yield the planned tests of two settings."""
         for quantity, family in self.contrasts.items():
             for interval in family:
@@ -154,7 +154,7 @@ class Analysis:
                 tests[measure.name] = MeasureTest(measure, measure.corrected.p)
         for name, fit in self.ordinal.items():
             tests[name] = RatingTest(name, fit)
-        for contrast in self.list_contrasts():
+        for contrast in self.yield_contrasts():
             tests[contrast.name] = contrast
         return tests
 

@@ -53,10 +53,10 @@ def compute_log_errors(frame: Table) -> tuple[LogError, ...]:
     tuple of LogError
         A condition in which every estimate is zero is left out.
     """
-    return tuple(_list_log_errors(frame))
+    return tuple(_yield_log_errors(frame))
 
 
-def _list_log_errors(frame: Table) -> Iterator[LogError]:
+def _yield_log_errors(frame: Table) -> Iterator[LogError]:
     """Yield the error over all conditions, and in each where there are several."""
     subsets = [("", frame)]
     if frame["condition"].nunique() > 1:

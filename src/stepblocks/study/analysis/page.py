@@ -50,7 +50,7 @@ def render_study(result: StudyResult) -> str:
     has_covariate = any(measure.mixed.slope for measure in result.measures)
     has_groups = any(measure.groups for measure in result.measures)
     title = EXPERIMENTS[result.experiment].title
-    notes = [*result.notes, *result.remarks, *_list_remarks(result)]
+    notes = [*result.notes, *result.remarks, *_yield_remarks(result)]
     conditions = sorted(result.frame["condition"].unique())
     people = result.frame["participant"].nunique()
     stimuli = result.frame["stimulus"].nunique()
@@ -76,7 +76,7 @@ def render_study(result: StudyResult) -> str:
     )
 
 
-def _list_remarks(result: StudyResult) -> Iterator[str]:
+def _yield_remarks(result: StudyResult) -> Iterator[str]:
     """Yield what the mixed models remark, each with its measure."""
     for measure in result.measures:
         for remark in measure.mixed.remarks:

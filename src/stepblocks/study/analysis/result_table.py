@@ -121,22 +121,22 @@ COLUMNS = tuple(column.name for column in fields(ResultRow))
 FIGURES = COLUMNS[4:]
 
 
-def list_rows(analysis: Analysis, findings: Sequence[Finding]) -> RowIterator:
+def yield_result_rows(analysis: Analysis, findings: Sequence[Finding]) -> RowIterator:
     """Yield every figure of an analysis; `findings` are its planned tests."""
     for finding in findings:
         name = AnalysisName.PRIMARY if finding.primary else AnalysisName.SECONDARY
         yield ResultRow("", name, finding.name, p=finding.corrected)
     for measure in _sort_measures(analysis, findings):
-        for row in _list_measure(measure):
+        for row in _yield_measure(measure):
             yield replace(row, measure=measure.name)
     for log_error in analysis.log_errors:
-        yield from _list_log_error(log_error)
-    yield from _list_rating_tests(analysis)
+        yield from _yield_log_error(log_error)
+    yield from _yield_rating_tests(analysis)
     for setting in analysis.comparisons:
-        yield from _list_psychometric_functions(setting)
-    yield from _list_contrasts(analysis)
+        yield from _yield_psychometric_functions(setting)
+    yield from _yield_contrasts(analysis)
     for law in analysis.power_laws:
-        yield from _list_power_law(law, named=len(analysis.power_laws) > 1)
+        yield from _yield_power_law(law, named=len(analysis.power_laws) > 1)
     for interval in analysis.exponents:
         difference = _describe_difference(interval)
         yield _make_row(
@@ -146,7 +146,7 @@ def list_rows(analysis: Analysis, findings: Sequence[Finding]) -> RowIterator:
             df_error=interval.df,
             p=interval.p,
         )
-        yield from _list_equivalence(interval, False, before=f"{EXPONENT}, ")
+        yield from _yield_equivalence(interval, False, before=f"{EXPONENT}, ")
     for influence in leave_out_each(analysis, findings):
         yield _make_influence_row(influence)
 
@@ -206,7 +206,7 @@ def _describe_difference(interval: Interval, logarithmic: bool = False) -> str:
     return f"{interval.first} minus {interval.second}"
 
 
-def _list_family(
+def _yield_family(
     analysis: AnalysisName, intervals: Sequence[Interval], logarithmic: bool
 ) -> RowIterator:
     """Lay out differences of a measure, each with its effect size."""
@@ -232,7 +232,7 @@ def _list_family(
         )
 
 
-def _list_equivalence(
+def _yield_equivalence(
     interval: Interval,
     logarithmic: bool,
     unit: Unit = Unit.NONE,
@@ -261,31 +261,33 @@ def _list_equivalence(
         )
 
 
-def _list_measure(measure: Measure) -> RowIterator:
+def _yield_measure(measure: Measure) -> RowIterator:
     """Yield the figures of a measure of accuracy."""
     logarithmic = measure.is_logarithmic
     for term in measure.f_test.terms:
         yield _make_term_row(AnalysisName.F_TEST, term)
-    yield from _list_family(AnalysisName.TUKEY, measure.f_test.intervals, logarithmic)
+    yield from _yield_family(AnalysisName.TUKEY, measure.f_test.intervals, logarithmic)
     if measure.mixed.condition is not None:
         yield _make_term_row(AnalysisName.MIXED, measure.mixed.condition)
-        yield from _list_family(AnalysisName.MIXED, measure.mixed.intervals, logarithmic)
+        yield from _yield_family(AnalysisName.MIXED, measure.mixed.intervals, logarithmic)
     if measure.corrected is not None and measure.sphericity is not None:
         yield _make_term_row(AnalysisName.CORRECTED, measure.corrected)
-        yield from _list_sphericity(measure.sphericity)
-    yield from _list_family(AnalysisName.PAIRED, measure.paired, logarithmic)
-    yield from _list_bayes_factors(measure.paired)
+        yield from _yield_sphericity(measure.sphericity)
+    yield from _yield_family(AnalysisName.PAIRED, measure.paired, logarithmic)
+    yield from _yield_bayes_factors(measure.paired)
     for term in measure.factors:
-        yield from _list_factor(term)
-    yield from _list_means(measure)
-    yield from _list_deviations(measure.mixed, logarithmic)
+        yield from _yield_factor_tests(term)
+    yield from _yield_means(measure)
+    yield from _yield_deviations(measure.mixed, logarithmic)
     if measure.mixed.slope is not None:
         yield _make_slope_row(measure.mixed.slope)
     for interval in (*measure.mixed.intervals, *measure.group_intervals):
-        yield from _list_equivalence(interval, logarithmic, Unit.MICROMETRES, margin=measure.margin)
+        yield from _yield_equivalence(
+            interval, logarithmic, Unit.MICROMETRES, margin=measure.margin
+        )
     for term in measure.groups:
         yield _make_term_row(AnalysisName.GROUPS, term)
-    yield from _list_family(AnalysisName.GROUPS, measure.group_intervals, logarithmic)
+    yield from _yield_family(AnalysisName.GROUPS, measure.group_intervals, logarithmic)
 
 
 def _make_slope_row(slope: Slope) -> ResultRow:
@@ -302,7 +304,7 @@ def _make_slope_row(slope: Slope) -> ResultRow:
     )
 
 
-def _list_sphericity(sphericity: Sphericity) -> RowIterator:
+def _yield_sphericity(sphericity: Sphericity) -> RowIterator:
     """Yield both epsilons and Mauchly's test."""
     name = AnalysisName.SPHERICITY
     yield ResultRow("", name, "epsilon of Greenhouse and Geisser", estimate=sphericity.epsilon)
@@ -310,7 +312,7 @@ def _list_sphericity(sphericity: Sphericity) -> RowIterator:
     yield ResultRow("", name, "W of Mauchly", statistic=sphericity.statistic, p=sphericity.p)
 
 
-def _list_bayes_factors(intervals: Sequence[Interval]) -> RowIterator:
+def _yield_bayes_factors(intervals: Sequence[Interval]) -> RowIterator:
     """Yield the Bayes factor of each paired difference."""
     for interval in intervals:
         yield ResultRow(
@@ -321,7 +323,7 @@ def _list_bayes_factors(intervals: Sequence[Interval]) -> RowIterator:
         )
 
 
-def _list_factor(term: Term) -> RowIterator:
+def _yield_factor_tests(term: Term) -> RowIterator:
     """Yield the test of a declared factor, and its Bayes factor."""
     yield _make_term_row(AnalysisName.FACTORS, term)
     if math.isclose(term.df, 1.0):  # of two levels, F is the square of Student's t
@@ -333,7 +335,7 @@ def _list_factor(term: Term) -> RowIterator:
     )
 
 
-def _list_means(measure: Measure) -> RowIterator:
+def _yield_means(measure: Measure) -> RowIterator:
     """Yield the mean of each condition; of logarithms it is the geometric mean."""
     name = "error" if measure.name == BIAS else measure.name
     for condition, mean, error in measure.mixed.means:
@@ -345,7 +347,7 @@ def _list_means(measure: Measure) -> RowIterator:
         )
 
 
-def _list_deviations(mixed: MixedFit, logarithmic: bool) -> RowIterator:
+def _yield_deviations(mixed: MixedFit, logarithmic: bool) -> RowIterator:
     """Yield the standard deviations of a mixed model."""
     unit = Unit.NONE if logarithmic else Unit.MICROMETRES
     deviations = {
@@ -363,7 +365,7 @@ def _list_deviations(mixed: MixedFit, logarithmic: bool) -> RowIterator:
         )
 
 
-def _list_log_error(error: LogError) -> RowIterator:
+def _yield_log_error(error: LogError) -> RowIterator:
     """Yield mean and root mean square of ln(estimate / height)."""
     where = f" with {error.condition}" if error.condition else ""
     name = "ln(estimate / height)"
@@ -376,7 +378,7 @@ def _list_log_error(error: LogError) -> RowIterator:
         )
 
 
-def _list_rating_tests(analysis: Analysis) -> RowIterator:
+def _yield_rating_tests(analysis: Analysis) -> RowIterator:
     """Yield, for each rating, its test over participants and the odds of its effects."""
     for name, fit in analysis.ordinal.items():
         test = fit.participants
@@ -392,7 +394,7 @@ def _list_rating_tests(analysis: Analysis) -> RowIterator:
         before = f"{name}: odds of a higher rating, "
         for effect in fit.effects:
             yield _make_ratio_row(AnalysisName.ORDINAL, before, effect)
-            yield from _list_equivalence(effect, True, before=before)
+            yield from _yield_equivalence(effect, True, before=before)
 
 
 def _make_ratio_row(analysis: AnalysisName, before: str, interval: Interval) -> ResultRow:
@@ -401,17 +403,17 @@ def _make_ratio_row(analysis: AnalysisName, before: str, interval: Interval) -> 
     return _make_row(analysis, quantity, interval.bounds.transform(math.exp), p=interval.p)
 
 
-def _list_psychometric_functions(setting: Comparisons) -> RowIterator:
+def _yield_psychometric_functions(setting: Comparisons) -> RowIterator:
     """Yield the psychometric functions of the group and of each participant in one setting."""
     where = f"{setting.setting}: " if setting.setting else ""
-    yield from _list_population(setting, where)
+    yield from _yield_population(setting, where)
     for curve in setting.curves:
-        yield from _list_curve(curve, f"{where}participant {curve.who}")
+        yield from _yield_curve(curve, f"{where}participant {curve.who}")
     for member in setting.people:
-        yield from _list_member(member, f"{where}participant {member.participant}, in the group")
+        yield from _yield_member(member, f"{where}participant {member.participant}, in the group")
 
 
-def _list_population(setting: Comparisons, where: str) -> RowIterator:
+def _yield_population(setting: Comparisons, where: str) -> RowIterator:
     """Yield the means over participants, if there are any."""
     equal, spread = setting.equal, setting.spread
     if equal is None or spread is None:
@@ -436,7 +438,7 @@ def _list_population(setting: Comparisons, where: str) -> RowIterator:
         )
 
 
-def _list_curve(curve: Curve, name: str) -> RowIterator:
+def _yield_curve(curve: Curve, name: str) -> RowIterator:
     """Yield the psychometric function of a participant, or why there is none."""
     analysis = AnalysisName.CURVE
     fit = curve.fit
@@ -458,7 +460,7 @@ def _list_curve(curve: Curve, name: str) -> RowIterator:
     )
 
 
-def _list_member(member: GroupMember, name: str) -> RowIterator:
+def _yield_member(member: GroupMember, name: str) -> RowIterator:
     """Yield the psychometric function of a participant as drawn towards the group."""
     unit = Unit.MICROMETRES
     yield ResultRow(
@@ -473,16 +475,16 @@ def _list_member(member: GroupMember, name: str) -> RowIterator:
     )
 
 
-def _list_contrasts(analysis: Analysis) -> RowIterator:
+def _yield_contrasts(analysis: Analysis) -> RowIterator:
     """Yield the differences of comparisons between settings."""
     for quantity, family in analysis.contrasts.items():
         before = f"{quantity}, "
         for interval in family:
             yield _make_ratio_row(AnalysisName.CONTRAST, before, interval)
-            yield from _list_equivalence(interval, True, before=before)
+            yield from _yield_equivalence(interval, True, before=before)
 
 
-def _list_power_law(law: PowerLaw, named: bool) -> RowIterator:
+def _yield_power_law(law: PowerLaw, named: bool) -> RowIterator:
     """Yield the exponents of one condition, which is `named` where there are several."""
     where = f"{law.condition}: " if named else ""
     analysis = AnalysisName.POWER_LAW

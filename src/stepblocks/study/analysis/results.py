@@ -10,7 +10,7 @@ from stepblocks.files.figures import Axes
 from stepblocks.files.tables import format_csv
 from stepblocks.study.analysis.figures import draw_main_figure
 from stepblocks.study.analysis.findings import Analysis, Finding
-from stepblocks.study.analysis.result_table import COLUMNS, ResultRow, list_rows
+from stepblocks.study.analysis.result_table import COLUMNS, ResultRow, yield_result_rows
 
 # columns of the judgements that are lengths [m]
 _LENGTHS = ("height", "estimate", "error", "standard")
@@ -71,7 +71,7 @@ class StudyResult(Analysis):
     def rows(self) -> tuple[ResultRow, ...]:
         """Every figure with its unit."""
         # fits of all but one participant are among them: they are made once
-        return tuple(list_rows(self, self.findings()))
+        return tuple(yield_result_rows(self, self.findings()))
 
     def table(self) -> pd.DataFrame:
         """Lay out every figure with its unit, in `COLUMNS`; NaN where a row has none."""

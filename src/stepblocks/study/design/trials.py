@@ -205,7 +205,7 @@ def design_trials(
         codes = assign_codes([*judged, *plan.standards], generator, items)
         blocks[str(person + 1)] = codes.get_items_by_code()
         levels = groups[group[person]]
-        trials += _list_trials(plan, str(person + 1), codes, orders[person], levels, generator)
+        trials += _yield_trials(plan, str(person + 1), codes, orders[person], levels, generator)
     balance = replace(measure_balance(orders), interleaved=interleaved, groups=len(groups))
     return Design(experiment, trials, blocks, balance)
 
@@ -285,7 +285,7 @@ def _order_settings(
     return orders
 
 
-def _list_trials(
+def _yield_trials(
     plan: _Plan,
     participant: str,
     codes: Codes,

@@ -20,7 +20,7 @@ def _unfold(table: TextTable) -> Records:
     for cells in table.rows:
         record = dict(zip(table.names, cells, strict=False))
         record.update(_read_object(record.pop("timeline_variables", "")))
-        for channel, text in _list_answers(record):
+        for channel, text in _yield_answers(record):
             channels[channel.column] = channel
             record[channel.column] = text
         for name in _RESPONSES:
@@ -41,7 +41,7 @@ def _list_names(records: Iterable[Mapping[str, object]]) -> tuple[str, ...]:
     return tuple(names)
 
 
-def _list_answers(record: Mapping[str, str]) -> Iterator[tuple[Channel, str]]:
+def _yield_answers(record: Mapping[str, str]) -> Iterator[tuple[Channel, str]]:
     """Yield the answers of a record: of a form those to its questions, else the one there is."""
     text = _find_response(record)
     if text in _NOTHING:
