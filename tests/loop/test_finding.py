@@ -13,7 +13,7 @@ from oracles.features_file import features_of
 from oracles.virtual_bench import Bench
 from oracles.virtual_session import Plan, write_session
 from stepblocks.lawsearch.choice import Rival
-from stepblocks.lawsearch.claims import check_claims
+from stepblocks.lawsearch.claims import withdraw_unsupported_claims
 from stepblocks.lawsearch.explain import explain
 from stepblocks.lawsearch.findings import Rules, Verdict
 from stepblocks.lawsearch.structure import Hint
@@ -145,7 +145,7 @@ def test_the_channel_in_which_equal_trials_agree_better_than_a_law_is_named(worn
 
     def judge():
         extended = replace(result.found.extended, residual=left.ravel())
-        return check_claims(replace(result.found, extended=extended), [], [], cells)
+        return withdraw_unsupported_claims(replace(result.found, extended=extended), [], [], cells)
 
     assert judge().verdict is result.verdict is Verdict.EFFECT
     # the decay differs from pair to pair as before, and a tenth as much between trials of a pair

@@ -20,7 +20,7 @@ from stepblocks.parts.apparatus.flexure import compute_flexure, compute_leaf_sti
 from stepblocks.parts.apparatus.interference import POSITIONS, find_interferences
 from stepblocks.parts.apparatus.layout import list_components, list_stages
 from stepblocks.parts.apparatus.loads import compute_normal_load, compute_pull
-from stepblocks.parts.apparatus.solids import find_h7_deviations, make_bore, make_box
+from stepblocks.parts.apparatus.solids import find_h7_deviations, make_bore_mm, make_box_mm
 
 FILE = Path(__file__).resolve().parents[2] / "stimuli" / "apparatus.toml"
 SET = load_set(FILE)
@@ -46,9 +46,9 @@ def test_every_solid_has_the_volume_and_centre_of_mass_of_its_closed_form():
 
 
 def test_a_bore_half_outside_takes_half_and_moves_the_centre_away():
-    whole = make_bore("x", (0.0, 0.0, 10.0), 4.0, 20.0)
+    whole = make_bore_mm("x", (0.0, 0.0, 10.0), 4.0, 20.0)
     half = replace(whole, inward=(0.0, 0.0, -1.0))
-    block = make_box((0.0, -5.0, 0.0), (20.0, 5.0, 10.0))
+    block = make_box_mm((0.0, -5.0, 0.0), (20.0, 5.0, 10.0))
     part = Component("half", "Half", "steel", boxes=(block,), bores=(half,))
     assert part.volume == pytest.approx(20e-3 * 10e-3 * 10e-3 - 0.5 * math.pi * 4e-6 * 20e-3)
     assert find_kernel_centre(part.build()) == pytest.approx(part.centre, abs=1e-12)
@@ -62,7 +62,7 @@ def test_nothing_is_in_the_way_of_anything_at_21_positions_of_the_travel():
 def test_a_post_in_the_way_is_found_where_the_hook_comes_to_it():
     # the face of the hook is at x = 29 mm: a post at 31 mm is free in the middle and hit beyond 2
     post = Component(
-        "post", "Post", "steel", boxes=(make_box((31.0, -1.0, -20.0), (33.0, 1.0, 5.0)),)
+        "post", "Post", "steel", boxes=(make_box_mm((31.0, -1.0, -20.0), (33.0, 1.0, 5.0)),)
     )
     found = find_interferences([NAMED["hook"], post], KIT.travel.nominal)
     assert min(place.position for place in found) == pytest.approx(2.4e-3)  # every 0.6 mm

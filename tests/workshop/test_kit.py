@@ -22,7 +22,7 @@ from stepblocks.parts.apparatus.component import Component
 from stepblocks.parts.apparatus.flexure import compute_flexure
 from stepblocks.parts.apparatus.layout import list_components, list_stages
 from stepblocks.parts.apparatus.loads import compute_normal_load, compute_pull
-from stepblocks.parts.apparatus.solids import make_box
+from stepblocks.parts.apparatus.solids import make_box_mm
 from stepblocks.parts.kinds.kit_part import KitPart
 from stepblocks.workshop import kit as kit_module
 from stepblocks.workshop.kit import find_kits, write_kit_assembly_files
@@ -145,7 +145,7 @@ def test_a_fit_in_a_bore_is_measured_by_what_goes_into_it():
 def test_a_kit_whose_parts_are_in_each_others_way_is_refused_before_anything_is_written(
     tmp_path, monkeypatch
 ):
-    post = Component("post", "Post", "steel", boxes=(make_box((31, -1, -20), (33, 1, 5)),))
+    post = Component("post", "Post", "steel", boxes=(make_box_mm((31, -1, -20), (33, 1, 5)),))
     hook = next(part for part in COMPONENTS if part.name == "hook")
     monkeypatch.setattr(kit_module, "list_components", lambda kit: [hook, post])
     with pytest.raises(MachiningError, match=r"room over the whole travel: hook and post share"):

@@ -122,12 +122,12 @@ def check_part_step(path: Path, stimulus: Part) -> PartCheck:
     matches = match_characteristics(report, stimulus)
     findings = [*report.findings]
     for match in matches:
-        findings += _check_match(match, report)
+        findings += _yield_match_faults(match, report)
     findings += _yield_unrequired(report, matches)
     if stimulus.has_working_faces:
-        findings += _check_textures(report, stimulus, matches)
-    findings += _check_density(report, stimulus)
-    findings += _check_material(report, stimulus)
+        findings += _yield_texture_faults(report, stimulus, matches)
+    findings += _yield_density_faults(report, stimulus)
+    findings += _yield_material_faults(report, stimulus)
     return PartCheck(report, findings)
 
 
@@ -168,8 +168,8 @@ def _agrees_with_required(stated: Characteristic, required: RequiredCharacterist
     return has_nominal and has_lower and has_upper
 
 
-def _check_match(match: Match, report: StepReport) -> Iterator[str]:
-    """Say that a characteristic is missing, or that its faces do not determine it."""
+def _yield_match_faults(match: Match, report: StepReport) -> Iterator[str]:
+    """Yield that a characteristic is missing, or that its faces do not determine it."""
     required = match.required
     stated = match.stated
     if stated is None:
@@ -201,8 +201,10 @@ def _yield_unrequired(report: StepReport, matches: Sequence[Match]) -> Iterator[
         yield f"{stated.ref} {stated.kind} {stated.value * 1e3:.9g} mm: was not asked for"
 
 
-def _check_textures(report: StepReport, part: Part, matches: Sequence[Match]) -> Iterator[str]:
-    """Check that every working face, and no other, has the surface texture of the part."""
+def _yield_texture_faults(
+    report: StepReport, part: Part, matches: Sequence[Match]
+) -> Iterator[str]:
+    """Yield that not every working face, or another one, has the texture of the part."""
     working_faces: set[str] = set()
     for match in matches:
         if match.stated is not None and match.required.key in _OF_WORKING_FACES:
@@ -215,8 +217,8 @@ def _check_textures(report: StepReport, part: Part, matches: Sequence[Match]) ->
         yield f"surface texture: every working face must have Ra {roughness * 1e6:g} um"
 
 
-def _check_density(report: StepReport, part: Part) -> Iterator[str]:
-    """Check that the file states the density of the material, or none where it has none."""
+def _yield_density_faults(report: StepReport, part: Part) -> Iterator[str]:
+    """Yield that the file does not state the density of the material, or one where it has none."""
     found = ", ".join(map(str, report.densities)) or "none"
     density = part.material.density
     if density is None:
@@ -229,8 +231,8 @@ def _check_density(report: StepReport, part: Part) -> Iterator[str]:
         yield f"density must be {density.value:g} kg/m^3, got {found}"
 
 
-def _check_material(report: StepReport, part: Part) -> Iterator[str]:
-    """Check that the file names the material of the part, and no other."""
+def _yield_material_faults(report: StepReport, part: Part) -> Iterator[str]:
+    """Yield that the file does not name the material of the part, or names another."""
     name = part.material.order_text
     if set(report.materials) != {name}:
         found = ", ".join(report.materials) or "none"

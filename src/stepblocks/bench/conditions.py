@@ -139,7 +139,7 @@ def find_block_heights(
     """
     channel = _find_height_channel(session, table.names)
     if channel is None:
-        declared = _read_declared_heights(session)
+        declared = _read_declared_heights_um(session)
         return "", [declared.get(trial.block, math.nan) for trial in trials]
     column = find_declared_column(channel.column, table.names, "height")
     place = "trials.columns.height"
@@ -171,7 +171,7 @@ def _find_height_channel(session: Session, header: tuple[str, ...]) -> Channel |
     return None
 
 
-def _read_declared_heights(session: Session) -> dict[str, float]:
+def _read_declared_heights_um(session: Session) -> dict[str, float]:
     """Return the heights of the blocks of the stimulus set by their names [um]."""
     from stepblocks.contact.counterface import Step
     from stepblocks.declaration.read import load_set

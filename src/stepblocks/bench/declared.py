@@ -17,7 +17,7 @@ from stepblocks.bench.traces import Traces
 from stepblocks.bench.trials import Trial, open_trials
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.errors import BenchError, StepblocksError
-from stepblocks.rig.forward import read_tip_radii
+from stepblocks.rig.forward import read_tip_radii_um
 
 # factor by which spring or load may differ from what is declared; a slip of two is beyond it, with
 # what a ramp may miss
@@ -128,7 +128,7 @@ def _check_tip_radii(session: Session, pilots: Sequence[Pilot]) -> None:
     """Refuse labels of tips that contradict the declared radius."""
     if session.probe.tip_radius:
         labels = (pilot.trial.cells.get("tip", "") for pilot in pilots)
-        read_tip_radii(labels, 1e6 * session.probe.tip_radius, f" [{session.table}]")
+        read_tip_radii_um(labels, 1e6 * session.probe.tip_radius, f" [{session.table}]")
 
 
 def _does_any_agree(session: Session, pilots: Sequence[Pilot]) -> bool:

@@ -69,7 +69,7 @@ class LabelCheck:
 
     def find_faults(self) -> dict[int, LabelFault]:
         """Find every trial whose trace belongs elsewhere; the result has its fault by its row."""
-        trials = self._list_trials()
+        trials = self._collect_trials()
         faults: dict[int, LabelFault] = {}
         _add_load_faults(trials, faults)
         _add_unit_faults(trials, faults)
@@ -79,7 +79,7 @@ class LabelCheck:
         _suggest_exchanges(trials, faults)
         return faults
 
-    def _list_trials(self) -> "_LabelledTrials":
+    def _collect_trials(self) -> "_LabelledTrials":
         """Collect the noted trials as arrays, one array for each label and feature."""
         rows, blocks, digests = np.array(self.labels, dtype=np.uint64).reshape(-1, 3).T
         numbers = np.array(self.numbers, dtype=float).reshape(-1, 2 + len(_FEATURES)).T

@@ -77,7 +77,7 @@ def compute_curves(stimuli: StimulusSet) -> Curves | None:
         ),
         names=[block.id for block in blocks],
         curves=[plot.sample_critical_angle(), *map(plot.sample_vibration_energy, frictions)],
-        locking=[plot.find_locking_height(friction) for friction in frictions],
+        locking=[plot.find_locking_height_um(friction) for friction in frictions],
         highest=plot.highest * 1e6,
     )
 
@@ -141,7 +141,7 @@ class _Plot:
             name, _round_points(curve, compute(curve)), _round_points(marks, compute(marks))
         )
 
-    def find_locking_height(self, friction: float) -> float | None:
+    def find_locking_height_um(self, friction: float) -> float | None:
         """Find the height at which the tip locks [um]; None where it lies above the picture."""
         height = float(kernels.compute_locking_height(self.radius, friction))
         if height < _SHOWN_LOCKING * self.highest:

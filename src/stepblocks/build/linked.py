@@ -22,10 +22,10 @@ class _Pattern(NamedTuple):
     title: str
     pattern: str
 
-    def find_files(self, output: Path, part: str) -> list[Path]:
-        """Find them below an output folder."""
-        identity = Path(part).name
-        return sorted(output.glob(self.pattern.format(part, id=identity)))
+    def find_files(self, output: Path, set_and_id: str) -> list[Path]:
+        """Find them below an output folder, of a part by its ``set/id``."""
+        identity = Path(set_and_id).name
+        return sorted(output.glob(self.pattern.format(set_and_id, id=identity)))
 
 
 _SCENE = _Pattern("scene", "scenes/{}/*/README.md")

@@ -125,10 +125,10 @@ def find_end_faces(body: Body, axis: int) -> tuple[int, int]:
     return ordered[0], ordered[-1]
 
 
-def revolve(outline: Outline, foot: Point, axis: Point, angle: float = 360.0) -> Body:
-    """Revolve a plane outline about an axis in its plane, by degrees."""
+def revolve(outline: Outline, foot: Point, axis: Point, degrees: float = 360.0) -> Body:
+    """Revolve a plane outline about an axis in its plane; `foot` is a point of the axis."""
     end = np.add(foot, axis).tolist()
-    return cq.Solid.revolve(_make_wire(outline), [], angle, _make_vector(foot), _make_vector(end))
+    return cq.Solid.revolve(_make_wire(outline), [], degrees, _make_vector(foot), _make_vector(end))
 
 
 def _lift_outline(outline: Outline, lift: Callable[[float, float], Point]) -> Outline:
@@ -184,7 +184,7 @@ def _get_only_solid(shape: Body, operation: str) -> Body:
 
 
 def move(body: Body, by: Point) -> Body:
-    """Move a body."""
+    """Return a body moved by a vector [m]; the body itself stays."""
     return body.translate(_make_vector(by))
 
 

@@ -125,7 +125,7 @@ def export(
         **{"for": simulators or None, "list_devices": list_devices or None},
     )
     if list_devices:
-        return _list_devices(devices)
+        return _tabulate_devices(devices)
     from stepblocks.simulators.export import export_scenes
 
     progress = make_progress("written", quiet=quiet, lines=1000)
@@ -164,7 +164,7 @@ def export(
     return Outcome(summary, notes=notes, record=record)
 
 
-def _list_devices(own: Path | None) -> Outcome:
+def _tabulate_devices(own: Path | None) -> Outcome:
     """Tabulate the devices that are known, and those of a user's own file."""
     from stepblocks.haptics.devices import load_devices
 

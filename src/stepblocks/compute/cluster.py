@@ -237,14 +237,14 @@ def run_on_cluster(
             "out of memory; what is finished stays, and the same command goes on from there"
         ) from error
     except (CancelledError, CancelledOnClusterError, _SchedulerLostError) as error:
-        raise _describe_lost_scheduler(client) from error
+        raise _make_lost_scheduler_error(client) from error
     except (OSError, TimeoutError) as error:
         if client.status == "running":  # the error of a call
             raise
-        raise _describe_lost_scheduler(client) from error
+        raise _make_lost_scheduler_error(client) from error
 
 
-def _describe_lost_scheduler(client: "Client") -> PipelineError:
+def _make_lost_scheduler_error(client: "Client") -> PipelineError:
     """Return the error of a scheduler that has ended."""
     return PipelineError(
         "the scheduler of the cluster cannot be reached any more; what is finished stays, and the "

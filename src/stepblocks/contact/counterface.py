@@ -19,7 +19,7 @@ from stepblocks.contact.domain import (
     MOST_LENGTH,
     Real,
     Scanned,
-    convert_fields,
+    convert_fields_in_place,
     read_lengths,
     read_number,
     read_values,
@@ -151,7 +151,7 @@ class Step(Counterface):
         def __init__(self, height: Measure, edge_radius: Measure = ...) -> None: ...
 
     def __post_init__(self) -> None:
-        convert_fields(self, 0.0, height=_LENGTH, edge_radius=_LENGTH)
+        convert_fields_in_place(self, 0.0, height=_LENGTH, edge_radius=_LENGTH)
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
@@ -255,10 +255,10 @@ class Margin(Counterface):
         ) -> None: ...
 
     def __post_init__(self) -> None:
-        convert_fields(self, 0.0, gap=_LENGTH)
-        convert_fields(self, -MOST_LENGTH, opening=_LENGTH, rise=_LENGTH)
-        convert_fields(self, 0.0, depth=("length", math.inf))
-        convert_fields(self, -math.inf, fall=("ratio", math.inf))
+        convert_fields_in_place(self, 0.0, gap=_LENGTH)
+        convert_fields_in_place(self, -MOST_LENGTH, opening=_LENGTH, rise=_LENGTH)
+        convert_fields_in_place(self, 0.0, depth=("length", math.inf))
+        convert_fields_in_place(self, -math.inf, fall=("ratio", math.inf))
 
     @property
     def breakpoints(self) -> tuple[float, ...]:
@@ -324,8 +324,8 @@ class Groove(Counterface):
         def __init__(self, width: Measure, flank: Measure) -> None: ...
 
     def __post_init__(self) -> None:
-        convert_fields(self, width=_LENGTH)
-        convert_fields(self, 1e-3, flank=("angle", 0.5 * math.pi))
+        convert_fields_in_place(self, width=_LENGTH)
+        convert_fields_in_place(self, 1e-3, flank=("angle", 0.5 * math.pi))
 
     def angles(self, ball_radius: Real, **dimensions: Real) -> Angles:
         """``sin a = g / 2R``, or along the flanks onto which the ball sinks."""

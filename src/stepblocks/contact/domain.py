@@ -31,7 +31,9 @@ def format_changed_fields(value: Any) -> str:
     return f"{type(value).__name__}({', '.join(changed)})"
 
 
-def convert_fields(owner: object, low: float | None = None, **bounds: tuple[str, float]) -> None:
+def convert_fields_in_place(
+    owner: object, low: float | None = None, **bounds: tuple[str, float]
+) -> None:
     """Convert fields of a frozen dataclass in place: numbers in SI, or texts with their units.
 
     `bounds` has the dimension of each and the most that it may be; `low` is the least, and without

@@ -13,7 +13,7 @@ from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Any, cast
 
 from stepblocks.contact.domain import (
-    convert_fields,
+    convert_fields_in_place,
     read_number,
     require_not_negative,
     require_positive,
@@ -154,8 +154,8 @@ class Hertz(ContactLaw):
         def __init__(self, modulus: Measure = ..., poisson: Measure = ...) -> None: ...
 
     def __post_init__(self) -> None:
-        convert_fields(self, modulus=("pressure", 1e13))
-        convert_fields(self, -1.0, poisson=("ratio", 0.5))
+        convert_fields_in_place(self, modulus=("pressure", 1e13))
+        convert_fields_in_place(self, -1.0, poisson=("ratio", 0.5))
 
     def power_law(self, ball_radius: float) -> tuple[float, float]:
         """Return ``4/3 E* sqrt(R)`` and 1.5."""
@@ -180,7 +180,7 @@ class LinearContact(ContactLaw):
         def __init__(self, stiffness: Measure) -> None: ...
 
     def __post_init__(self) -> None:
-        convert_fields(self, stiffness=("stiffness", 1e15))
+        convert_fields_in_place(self, stiffness=("stiffness", 1e15))
 
     def power_law(self, ball_radius: float) -> tuple[float, float]:
         """Return the stiffness and 1."""
@@ -228,7 +228,7 @@ class Overtone:
         ) -> None: ...
 
     def __post_init__(self) -> None:
-        convert_fields(
+        convert_fields_in_place(
             self, frequency=("frequency", 1e7), decay_time=("time", 1e6), mass_ratio=("ratio", 1e6)
         )
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from stepblocks.contact.domain import (
     MOST_BALL,
-    convert_fields,
+    convert_fields_in_place,
     format_changed_fields,
     read_number,
     require_not_negative,
@@ -185,7 +185,7 @@ class Tool:
         ) -> None: ...
 
     def __post_init__(self) -> None:
-        convert_fields(
+        convert_fields_in_place(
             self,
             stiffness=("stiffness", 1e12),
             conversion=("ratio", 1.0),
@@ -194,7 +194,7 @@ class Tool:
             frequency=("frequency", 1e7),
             decay_time=("time", 1e6),
         )
-        convert_fields(self, 0.0, frequency_deviation=("frequency", 1e7))
+        convert_fields_in_place(self, 0.0, frequency_deviation=("frequency", 1e7))
         if not isinstance(self.limits, Limits):
             raise ContactError(
                 "limits must be Limits, such as Limits(hand=9.87), got "
@@ -307,7 +307,7 @@ class OperatingPoint:
         friction: object = self.friction
         if isinstance(friction, FrictionLaw):
             object.__setattr__(self, "friction_law", friction)
-        convert_fields(
+        convert_fields_in_place(
             self,
             ball_radius=("length", MOST_BALL),
             normal_load=("force", 1e4),
@@ -316,7 +316,7 @@ class OperatingPoint:
         if self.friction_law is not None:
             at_rest = self.friction_law.coefficient(0.0, self.normal_load, 0.0, 0.0)
             object.__setattr__(self, "friction", at_rest)
-        convert_fields(self, 0.0, friction=("ratio", 1e3))
+        convert_fields_in_place(self, 0.0, friction=("ratio", 1e3))
 
 
 # The blunt tip and the spring of the paper. It states a band of loads and no friction: 1 N and

@@ -12,7 +12,7 @@ from stepblocks.contact.counterface import REACH, Counterface, Step
 from stepblocks.contact.domain import (
     MOST_LENGTH,
     Real,
-    convert_fields,
+    convert_fields_in_place,
     read_values,
     require_not_negative,
     require_positive,
@@ -63,7 +63,7 @@ class RelievedStep(Counterface):
         ) -> None: ...
 
     def __post_init__(self) -> None:
-        convert_fields(self, 0.0, **dict.fromkeys(self._dimensions, _LENGTH))
+        convert_fields_in_place(self, 0.0, **dict.fromkeys(self._dimensions, _LENGTH))
 
     @property
     def breakpoints(self) -> tuple[float, ...]:

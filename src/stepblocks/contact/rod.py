@@ -367,10 +367,10 @@ def compute_modes(
     return modes
 
 
-def compute_clamp_force(modes: Sequence[Mode], time: Array, blow: bool = False) -> Array:
+def compute_clamp_force(modes: Sequence[Mode], time: Array, *, blow: bool = False) -> Array:
     """Return the force on the clamp [N] after a pull of 1 N was let go at the tip; times in s.
 
-    It can also follow a blow of 1 N s there.
+    With `blow` it is the force after a blow of 1 N s at the tip.
     """
     total = np.zeros_like(time)
     for mode in modes:

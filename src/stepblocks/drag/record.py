@@ -148,8 +148,8 @@ def build_record(drag: DragResult) -> DragRecord:
         limit=_describe_limit(drag),
         setting=drag.setting,
         texture=texture,
-        ring=_describe_ring(trace, ring),
-        equation_1=_describe_formula(drag.formula),
+        ring=_make_ring_record(trace, ring),
+        equation_1=_make_formula_record(drag.formula),
         comparison=_compare_with_formula(drag),
     )
 
@@ -205,8 +205,8 @@ def _describe_texture(elsewhere: pd.DataFrame, ball_radius: float) -> TextureRec
     return TextureRecord(angle, float(hidden))
 
 
-def _describe_ring(trace: DragTrace, ring: Ring | None) -> RingRecord | None:
-    """Describe the release that was asked about."""
+def _make_ring_record(trace: DragTrace, ring: Ring | None) -> RingRecord | None:
+    """Return the record of the ring after the release that was asked about; None without one."""
     if ring is None:
         return None
     decay_time = None
@@ -228,8 +228,8 @@ def _describe_ring(trace: DragTrace, ring: Ring | None) -> RingRecord | None:
     )
 
 
-def _describe_formula(formula: Release) -> FormulaRecord | None:
-    """Describe what equation (1) says, where anything catches."""
+def _make_formula_record(formula: Release) -> FormulaRecord | None:
+    """Return the record of what equation (1) says; None where nothing catches."""
     if formula.status is Status.NO_CATCH:
         return None
     if formula.status is not Status.RELEASES:

@@ -235,7 +235,7 @@ def simulate_drag(
     )
     if needed[wanted] <= level_pull:
         return trace
-    return _add_asked_place(trace, wanted, places, needed)
+    return _judge_by_asked_place(trace, wanted, places, needed)
 
 
 def _integrate(
@@ -371,18 +371,18 @@ def _classify_passage(
     return Status.RUN_OVER
 
 
-def _add_asked_place(
-    trace: DragTrace, wanted: int, places: CatchPlaces, needed: NDArray[np.float64]
+def _judge_by_asked_place(
+    trace: DragTrace, place_index: int, places: CatchPlaces, needed_pulls: NDArray[np.float64]
 ) -> DragTrace:
-    """Return the trace with status and figures of the place that was asked about.
+    """Return the trace with status and figures of the place that was asked about, by its index.
 
     Where the tip has passed it several times, the first passage counts that it was not run over.
     """
-    met = [number for number, event in enumerate(trace.events) if event.place == wanted]
+    met = [number for number, event in enumerate(trace.events) if event.place == place_index]
     if not met:
         reason = (
-            f"the tip does not pass x = {places.x[wanted] * 1e3:.4g} mm, which takes "
-            f"{needed[wanted]:.4g} N; the pull grows to {trace.peak_force:.4g} N"
+            f"the tip does not pass x = {places.x[place_index] * 1e3:.4g} mm, which takes "
+            f"{needed_pulls[place_index]:.4g} N; the pull grows to {trace.peak_force:.4g} N"
         )
         return replace(trace, status=Status.LOCKED, reason=reason)
     asked = met[0]

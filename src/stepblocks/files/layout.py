@@ -68,9 +68,9 @@ class TableLayout:
         if self.separator is not None and self.separator == self.decimal:
             raise UsageError(f"separator must not be the decimal sign, got {self.separator!r}")
         if self.encoding is not None:
-            object.__setattr__(self, "encoding", _check_encoding(self.encoding))
+            object.__setattr__(self, "encoding", _normalise_encoding(self.encoding))
         if self.missing is not None:
-            object.__setattr__(self, "missing", _check_missing(self.missing))
+            object.__setattr__(self, "missing", _normalise_missing(self.missing))
 
     @property
     def missing_values(self) -> MissingValues | None:
@@ -119,7 +119,7 @@ def read_missing_value(text: str) -> float | str:
     return value
 
 
-def _check_encoding(name: str) -> str:
+def _normalise_encoding(name: str) -> str:
     """Return Python's name of an encoding; refuse one that is not of text."""
     try:
         return find_encoding_name(name)
@@ -127,7 +127,7 @@ def _check_encoding(name: str) -> str:
         raise UsageError(str(error)) from error
 
 
-def _check_missing(values: Sequence[float | str]) -> tuple[float | str, ...]:
+def _normalise_missing(values: Sequence[float | str]) -> tuple[float | str, ...]:
     """Return values that stand for a missing one: finite numbers, and words."""
     if isinstance(values, str | float | int):
         raise UsageError(f"missing must be a list of numbers and words, got {values!r}")

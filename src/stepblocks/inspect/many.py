@@ -42,7 +42,7 @@ from stepblocks.inspect.scan_list import (
     PART,
     SCAN,
     list_conditions,
-    list_scans,
+    tabulate_scans,
 )
 from stepblocks.inspect.size_tables import format_rows, split_sizes_by_unit
 from stepblocks.records.laboratory import Laboratory
@@ -219,7 +219,7 @@ def inspect_many(
     if stimulus is None and standard is not None:
         stimulus = "standard"
     layout = options.get("layout", UNDECLARED)
-    listed = list_scans(list(map(Path, paths)), stimulus, layout)
+    listed = tabulate_scans(list(map(Path, paths)), stimulus, layout)
     inspected = _inspect_each(listed, standard, options)
     readings = inspected.list_readings()
     if not readings:

@@ -132,7 +132,7 @@ def estimate_autocovariance(pieces: Sequence[Array], parameters: int = 3) -> Arr
     # semidefinite, as does the product with Parzen's window. The window is four times as wide as
     # the lag at which the correlation drowns.
     count = sum(int(np.isfinite(piece).sum()) for piece in pieces)
-    gamma = _sum_products(pieces) / max(count - parameters, 1)
+    gamma = _sum_lagged_products(pieces) / max(count - parameters, 1)
     if gamma[0] <= LEAST_SCATTER**2:
         return np.zeros(1)
     longest = len(gamma)
@@ -148,8 +148,11 @@ def estimate_autocovariance(pieces: Sequence[Array], parameters: int = 3) -> Arr
     return np.asarray(gamma * (max(count - parameters, 1) / (count - lost)))
 
 
-def _sum_products(pieces: Sequence[Array]) -> Array:
-    """Return the sums over pairs of residuals by their lag, shape (longest piece,) [m^2]."""
+def _sum_lagged_products(pieces: Sequence[Array]) -> Array:
+    """Return the sums of the products of pairs of residuals by their lag.
+
+    Shape (longest piece,) [m^2]; a pair lies within one piece.
+    """
     total = np.zeros(max(len(piece) for piece in pieces))
     for piece in pieces:
         filled = np.where(np.isfinite(piece), piece, 0.0)

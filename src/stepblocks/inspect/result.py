@@ -11,7 +11,7 @@ from stepblocks.inspect.conformity import Outcome
 from stepblocks.inspect.drawing import draw_scan
 from stepblocks.inspect.evaluation import Evaluation
 from stepblocks.inspect.judgement import Judgement, NotMeasured, number_characteristics
-from stepblocks.inspect.result_record import describe_judgement, describe_size
+from stepblocks.inspect.result_record import make_judged_record, make_size_record
 from stepblocks.inspect.result_tables import Row, build_tables
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.kind import Part
@@ -188,12 +188,12 @@ class InspectionResult:
         for judgement in self.judged:
             key = judgement.characteristic.key
             judged_keys.add(key)
-            characteristics.append(describe_judgement(judgement, values[key]))
+            characteristics.append(make_judged_record(judgement, values[key]))
         sizes = []
         sizes_by_key = {}
         for key, measured in values.items():
             if key not in judged_keys:
-                sizes.append(describe_size(key, measured))
+                sizes.append(make_size_record(key, measured))
                 sizes_by_key[key] = measured.value
         return InspectionRecord(
             stimulus=self.identity,
@@ -207,10 +207,10 @@ class InspectionResult:
             values_without_limits=sizes_by_key,
             without_limits=sizes,
             characteristics=characteristics,
-            not_measured=list(map(self._describe_missing, self.missing)),
+            not_measured=list(map(self._make_not_measured_record, self.missing)),
         )
 
-    def _describe_missing(self, absent: NotMeasured) -> NotMeasuredRecord:
+    def _make_not_measured_record(self, absent: NotMeasured) -> NotMeasuredRecord:
         """Return the entry of a characteristic that was not measured."""
         key = absent.characteristic.key
         return NotMeasuredRecord(

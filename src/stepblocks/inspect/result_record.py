@@ -29,9 +29,9 @@ class _MeasuredFields(TypedDict):
     uncertainty_stated: bool
 
 
-def describe_size(key: str, measured: Measured) -> SizeRecord:
+def make_size_record(key: str, measured: Measured) -> SizeRecord:
     """Return the entry of a value without limits."""
-    fields = _describe_measured(measured)
+    fields = _make_measured_fields(measured)
     if is_angle(key):
         return AngleRecord(
             key=key, label=measured.name, budget=_list_angle_budget(measured), **fields
@@ -41,11 +41,11 @@ def describe_size(key: str, measured: Measured) -> SizeRecord:
     )
 
 
-def describe_judgement(judgement: Judgement, measured: Measured) -> JudgedRecord:
+def make_judged_record(judgement: Judgement, measured: Measured) -> JudgedRecord:
     """Return the entry of a characteristic that was judged."""
     characteristic = judgement.characteristic
-    fields = _describe_measured(measured)
-    limits = _describe_limits(judgement)
+    fields = _make_measured_fields(measured)
+    limits = _make_decision_fields(judgement)
     if characteristic.quantity == "angle":
         return JudgedAngleRecord(
             unit="rad", budget=_list_angle_budget(measured), **limits, **fields
@@ -66,7 +66,7 @@ class _DecisionFields(TypedDict):
     verdict: str
 
 
-def _describe_limits(judgement: Judgement) -> _DecisionFields:
+def _make_decision_fields(judgement: Judgement) -> _DecisionFields:
     """Return the fields of how a characteristic was judged."""
     characteristic = judgement.characteristic
     decision = judgement.decision
@@ -82,7 +82,7 @@ def _describe_limits(judgement: Judgement) -> _DecisionFields:
     }
 
 
-def _describe_measured(measured: Measured) -> _MeasuredFields:
+def _make_measured_fields(measured: Measured) -> _MeasuredFields:
     """Return the fields of a value and its uncertainty."""
     half = measured.expanded()
     return {
@@ -98,12 +98,12 @@ def _describe_measured(measured: Measured) -> _MeasuredFields:
 
 def _list_length_budget(measured: Measured) -> list[LengthComponentRecord]:
     """Return the components of a length."""
-    return [LengthComponentRecord(**_describe_component(part)) for part in measured.components]
+    return [LengthComponentRecord(**_make_component_fields(part)) for part in measured.components]
 
 
 def _list_angle_budget(measured: Measured) -> list[AngleComponentRecord]:
     """Return the components of an angle."""
-    return [AngleComponentRecord(**_describe_component(part)) for part in measured.components]
+    return [AngleComponentRecord(**_make_component_fields(part)) for part in measured.components]
 
 
 class _ComponentFields(TypedDict):
@@ -116,7 +116,7 @@ class _ComponentFields(TypedDict):
     assumed: bool
 
 
-def _describe_component(part: Component) -> _ComponentFields:
+def _make_component_fields(part: Component) -> _ComponentFields:
     """Return the fields of a component."""
     return {
         "name": part.name,

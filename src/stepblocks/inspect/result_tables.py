@@ -80,13 +80,13 @@ def build_tables(
             label = judgement.characteristic.label
             decision = judgement.decision
         unit = _DEGREE if is_angle(key) else _MICROMETRE
-        row = _describe_value(numbers.get(key), label, measured, decision, unit)
+        row = _make_value_row(numbers.get(key), label, measured, decision, unit)
         if key in not_judged:  # it has limits, and what is missing says why they do not apply
             row["verdict"] = _NOT_JUDGED
         characteristics.append(row)
         for part in measured.components:
-            budget.append(_describe_component(label, part, unit))
-    not_measured = [_describe_missing(absent, numbers) for absent in missing]
+            budget.append(_make_component_row(label, part, unit))
+    not_measured = [_make_missing_row(absent, numbers) for absent in missing]
     tables = {_CHARACTERISTICS: characteristics, _BUDGET: budget, _NOT_MEASURED: not_measured}
     return {title: rows for title, rows in tables.items() if rows}
 
@@ -97,7 +97,7 @@ def _order_keys(values: Mapping[str, Measured], numbers: Mapping[str, int]) -> l
     return sorted(values, key=lambda key: numbers.get(key, last))
 
 
-def _describe_value(
+def _make_value_row(
     number: int | None,
     label: str,
     measured: Measured,
@@ -134,7 +134,7 @@ def _choose_decimals(half: float) -> int:
     return min(max(1 - math.floor(math.log10(half)), 0), _MOST_DECIMALS)
 
 
-def _describe_component(label: str, part: Component, unit: _Unit) -> Row:
+def _make_component_row(label: str, part: Component, unit: _Unit) -> Row:
     """Return the line of a component of a budget."""
     std = _NOT_STATED
     if not math.isnan(part.std):
@@ -148,7 +148,7 @@ def _describe_component(label: str, part: Component, unit: _Unit) -> Row:
     }
 
 
-def _describe_missing(absent: NotMeasured, numbers: Mapping[str, int]) -> Row:
+def _make_missing_row(absent: NotMeasured, numbers: Mapping[str, int]) -> Row:
     """Return the line of a characteristic that was not measured."""
     characteristic = absent.characteristic
     return {

@@ -27,10 +27,10 @@ def list_conditions(scans: Table) -> list[str]:
     return [name for name in scans.columns if name not in _NO_CONDITIONS]
 
 
-def list_scans(
+def tabulate_scans(
     paths: Sequence[Path], stimulus: str | None, layout: TableLayout = UNDECLARED
 ) -> Table:
-    """Name the scans with their parts, blocks and conditions.
+    """Tabulate scans with the parts, blocks and conditions that they are of.
 
     Parameters
     ----------

@@ -26,13 +26,13 @@ _LACK_OF_FIT = 0.005  # level of the lack of fit against replicates, over all ch
 _JUDGED_CHANNELS = (0, 1)  # those in which a delivered model may not be worse
 
 
-def check_claims(
+def withdraw_unsupported_claims(
     explanation: Explanation,
     within: Sequence[Sequence[str]],
     between: Sequence[Sequence[str]],
     cells: Sequence[object],
 ) -> Explanation:
-    """Keep the claim of an effect only where replicates and every fold that sees it support it.
+    """Withdraw claims of effects that replicates, or a fold that sees them, do not support.
 
     Parameters
     ----------

@@ -77,15 +77,15 @@ class Residual:
 
 
 def build_flexible_columns(
-    trials: Trials, limit: float = _MOST_COLUMNS, shared: Sequence[Systematic] = ()
+    trials: Trials, columns_per_trial: float = _MOST_COLUMNS, shared: Sequence[Systematic] = ()
 ) -> Floats:
     """Build an orthonormal basis that follows any smooth effect: its residual is scatter alone.
 
     Parameters
     ----------
     trials : Trials
-    limit : float
-        Columns per trial, at most.
+    columns_per_trial : float
+        At most.
     shared : sequence of Systematic
         Errors that trials share. They come early among the columns, since they are no scatter of
         single trials.
@@ -109,7 +109,7 @@ def build_flexible_columns(
     # a column counts where the columns before it do not make it up
     remaining = np.abs(np.diagonal(np.linalg.qr(scaled, mode="r")))
     independent = np.flatnonzero(remaining > _LEAST_INDEPENDENT)
-    column_limit = max(2, int(limit * len(trials)))
+    column_limit = max(2, int(columns_per_trial * len(trials)))
     return np.asarray(np.linalg.qr(scaled[:, independent[:column_limit]])[0])
 
 

@@ -109,13 +109,13 @@ def compose_record(
     floor = _estimate_noise_floor(table, explanation.extended, list(pure_error.values()))
     spring = table.model.tool.stiffness
     nominal_errors, extended_errors = _list_errors(within, between, floor)
-    effects = [_describe_finding(f, explanation, table) for f in explanation.findings]
-    hints = [_describe_hint(hint, table) for hint in explanation.hints]
+    effects = [_make_finding_record(f, explanation, table) for f in explanation.findings]
+    hints = [_make_hint_record(hint, table) for hint in explanation.hints]
     mislabelled = [trial for trial in table.excluded if trial.is_mislabelled]
-    nominal = _describe_model(explanation.nominal, spring, nominal_errors)
-    extended = _describe_model(explanation.extended, spring, extended_errors)
+    nominal = _make_model_record(explanation.nominal, spring, nominal_errors)
+    extended = _make_model_record(explanation.extended, spring, extended_errors)
     left_open = between.left_open[:, ENERGY]
-    calibration = list(map(_describe_check, checks))
+    calibration = list(map(_make_calibration_record, checks))
     record = LoopRecord(
         finding="",
         verdict=explanation.verdict,
@@ -133,9 +133,9 @@ def compose_record(
         regimes=table.regimes,
         censored=_list_censored(table, explanation),
         next_experiment=propose_experiment(explanation, checks),
-        adequacy=_describe_adequacy(explanation, rules, pure_error),
-        identifiability=_describe_identifiability(explanation),
-        scans=_describe_scans(scans),
+        adequacy=_make_adequacy_record(explanation, rules, pure_error),
+        identifiability=_make_identifiability_record(explanation),
+        scans=_make_scans_record(scans),
         left_open_on_new_blocks=table.names[left_open].tolist(),
         selected_in_folds=[*within.selected, *between.selected],
         trials_analysed=len(table.trials),
@@ -158,8 +158,8 @@ def _list_known_constants(model: SessionModel) -> dict[str, KnownConstant]:
     return constants
 
 
-def _describe_check(check: CalibrationCheck) -> CalibrationRecord:
-    """Describe what the records show of a declared quantity, in words if it is contradicted."""
+def _make_calibration_record(check: CalibrationCheck) -> CalibrationRecord:
+    """Record what the traces show of a declared quantity, in words if it is contradicted."""
     text = ""
     if check.is_open:
         text = check.sentence
@@ -175,8 +175,8 @@ def _describe_check(check: CalibrationCheck) -> CalibrationRecord:
     )
 
 
-def _describe_model(fitted: Fit, spring: float, errors: ModelErrors) -> ModelRecord:
-    """Describe a fitted model; `spring` is the nominal spring constant [N/m]."""
+def _make_model_record(fitted: Fit, spring: float, errors: ModelErrors) -> ModelRecord:
+    """Record a fitted model; `spring` is the nominal spring constant [N/m]."""
     return ModelRecord(_describe_constants(fitted, spring), errors, fitted.cost)
 
 
@@ -275,10 +275,10 @@ def _estimate_noise_floor(
     return NoiseFloor(energy, force)
 
 
-def _describe_finding(
+def _make_finding_record(
     finding: Finding, explanation: Explanation, table: SessionTable
 ) -> EffectRecord:
-    """Describe an effect that was found, with the grounds for its claim."""
+    """Record an effect that was found, with the grounds for its claim."""
     effect = finding.effect
     unexplained = finding.verdict is Verdict.UNEXPLAINED
     trial, channel = finding.leading_trial, finding.leading_channel
@@ -292,7 +292,7 @@ def _describe_finding(
         leading_trial=LeadingTrial(trial_name, trial.share),
         leading_channel=LeadingChannel(channel_name, channel.share),
     )
-    record = _describe_effect(effect, explanation.extended, evidence, explanation.problem)
+    record = _make_effect_record(effect, explanation.extended, evidence, explanation.problem)
     if effect.named and unexplained:
         # it improves the fit, not the explanation: the curve stays, the name goes
         return replace(record, id=f"unexplained_{effect.slot}_{effect.covariate}")
@@ -304,20 +304,20 @@ def _list_rivals(explanation: Explanation) -> list[EffectRecord]:
     records = []
     for finding in explanation.findings:
         for rival in finding.rivals:
-            records.append(_describe_rival(rival, finding.effect, explanation.problem))
+            records.append(_make_rival_record(rival, finding.effect, explanation.problem))
     return records
 
 
-def _describe_rival(rival: Rival, effect: Law, problem: Problem) -> EffectRecord:
-    """Describe an effect that may stand for another one."""
+def _make_rival_record(rival: Rival, effect: Law, problem: Problem) -> EffectRecord:
+    """Record an effect that may stand for another one."""
     evidence = RivalEvidence(rival.behind, instead_of=remove_variant_mark(effect.id))
-    return _describe_effect(rival.effect, rival.fitted, evidence, problem)
+    return _make_effect_record(rival.effect, rival.fitted, evidence, problem)
 
 
-def _describe_effect(
+def _make_effect_record(
     effect: Law, fitted: Fit, evidence: FindingEvidence | RivalEvidence, problem: Problem
 ) -> EffectRecord:
-    """Describe an effect with its fitted parameters and their 95 % intervals."""
+    """Record an effect with its fitted parameters and their 95 % intervals."""
     return EffectRecord(
         id=remove_variant_mark(effect.id),
         variant=effect.id,
@@ -356,8 +356,8 @@ def _find_range(trials: Trials, covariate: str) -> CovariateRange:
     raise KeyError(covariate)
 
 
-def _describe_hint(hint: Hint, table: SessionTable) -> HintRecord:
-    """Describe a difference that no column describes, with the names of its trials."""
+def _make_hint_record(hint: Hint, table: SessionTable) -> HintRecord:
+    """Record a difference that no column describes, with the names of its trials."""
     groups = []
     for rows in hint.clusters:
         names = [str(table.names[row]) for row in rows]
@@ -431,10 +431,10 @@ def _list_censored(table: SessionTable, explanation: Explanation) -> CensoredTri
     return CensoredTrials(table.names[bounded].tolist(), table.names[below].tolist())
 
 
-def _describe_adequacy(
+def _make_adequacy_record(
     explanation: Explanation, rules: Rules, pure_error: Mapping[str, ReplicateTest]
 ) -> AdequacyRecord:
-    """Say whether the extended model is enough, and by which tests."""
+    """Record whether the extended model is adequate, and by which tests."""
     by_p_value = sorted(explanation.checks, key=lambda check: check.p_value)
     checks = [ResidualCheckRecord(*check) for check in by_p_value[:_MOST_CHECKS]]
     return AdequacyRecord(
@@ -446,15 +446,15 @@ def _describe_adequacy(
     )
 
 
-def _describe_identifiability(explanation: Explanation) -> IdentifiabilityRecord:
-    """Say what the design, and what the equations, cannot tell apart."""
+def _make_identifiability_record(explanation: Explanation) -> IdentifiabilityRecord:
+    """Record what the design, and what the equations, cannot tell apart."""
     laws = _list_general_laws(explanation.problem.trials, with_imitated=True)
     found = compare_directions(explanation.problem, explanation.nominal, laws)
     return IdentifiabilityRecord(**asdict(found), by_the_equations=_BY_THE_EQUATIONS)
 
 
-def _describe_scans(scans: Scans) -> ScansRecord:
-    """Give what the scans showed, with the mean edge radius weighed by its uncertainty."""
+def _make_scans_record(scans: Scans) -> ScansRecord:
+    """Record what the scans showed, with the mean edge radius weighed by its uncertainty."""
     blocks = {block: dict(scan) for block, scan in scans.items()}
     edges = pd.DataFrame(
         [*scans.values()], columns=["edge_radius_m", "edge_radius_std_m"], dtype=np.float64

@@ -105,7 +105,7 @@ def rehearse_session(
     for session in run_calls(rehearse_once, calls, jobs=processes, on=on):
         verdicts.append(session.verdict)
         locked.append(session.locked)
-        _collect_detectable_sizes(sizes, session.could_have_shown)
+        _add_detectable_sizes(sizes, session.could_have_shown)
         progress(len(verdicts), count)
     could_show = []
     for key, of_rehearsals in sizes.items():
@@ -122,7 +122,7 @@ def rehearse_once(plan: SessionPlan) -> RehearsedSession:
     return RehearsedSession(str(record.verdict), locked, tuple(record.could_have_shown))
 
 
-def _collect_detectable_sizes(
+def _add_detectable_sizes(
     sizes: dict[_EffectKey, list[float]], effects: Sequence[DetectableEffect]
 ) -> None:
     """Add the sizes of the effects that one rehearsal could have shown."""

@@ -18,7 +18,11 @@ from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.errors import PipelineError
 from stepblocks.files.atomic import lock_folder, replace_text
 from stepblocks.files.layout import UNDECLARED, TableLayout, refuse_layout
-from stepblocks.lawsearch.claims import check_claims, choose_delivered_effects, withdraw_claims
+from stepblocks.lawsearch.claims import (
+    choose_delivered_effects,
+    withdraw_claims,
+    withdraw_unsupported_claims,
+)
 from stepblocks.lawsearch.explain import explain
 from stepblocks.lawsearch.findings import Explanation, Rules
 from stepblocks.lawsearch.holdout import (
@@ -428,7 +432,7 @@ def _explain_and_hold_out(
     found = explain(model, trials, model.candidates(trials), rules, announce=announce_first)
     selected = _search_without_each_fold(table, found, folds, rules, jobs, announce)
     of_inside, of_outside = selected[: len(inside)], selected[len(inside) :]
-    found = check_claims(found, of_inside, of_outside, model.cells(trials))
+    found = withdraw_unsupported_claims(found, of_inside, of_outside, model.cells(trials))
     found, (within, between) = choose_delivered_effects(
         add_height_findings(found, table), (inside, outside), model.candidates
     )

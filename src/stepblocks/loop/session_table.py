@@ -34,7 +34,7 @@ from stepblocks.loop.usable_trials import (
     select_usable_trials,
 )
 from stepblocks.quantities import format_column_label
-from stepblocks.rig.forward import read_tip_radii
+from stepblocks.rig.forward import read_tip_radii_um
 from stepblocks.rig.state import CHANNELS
 
 # a parameter of the instrument to its value and standard uncertainty
@@ -119,7 +119,7 @@ def build_session_table(
     _refuse_missing_columns(features)
     features = _complete_text_columns(features)
     tips = features.get("tip", pd.Series("", features.index)).astype(str)
-    radius_um = read_tip_radii(tips, tip_radius * 1e6)
+    radius_um = read_tip_radii_um(tips, tip_radius * 1e6)
     selection = select_usable_trials(features, radius_um, spring_constant)
     usable = selection.usable
     if usable.sum() < _FEWEST_TRIALS:

@@ -30,12 +30,13 @@ def build_grid(trials: Trials, extra: Sequence[str]) -> Trials:
     Returns
     -------
     Trials
-        One row for each combination, with nothing measured.
+        One row for each combination, with nothing measured. Of more than `_MOST_ROWS` the first
+        ones are kept.
     """
     names = dict.fromkeys((*SHOWN, *extra, *trials.covariates))
     settings: dict[str, list[object]] = {}
     for name in names:
-        settings[name] = _list_settings(trials, name, varied=name in (*SHOWN, *extra))
+        settings[name] = _list_future_settings(trials, name, varied=name in (*SHOWN, *extra))
     settings["height_um"] = [*_list_heights_um(trials)]
     rows = list(itertools.islice(itertools.product(*settings.values()), _MOST_ROWS))
     columns = {}
@@ -47,8 +48,11 @@ def build_grid(trials: Trials, extra: Sequence[str]) -> Trials:
     )
 
 
-def _list_settings(trials: Trials, name: str, *, varied: bool) -> list[object]:
-    """List the settings of a covariate for trials that are yet to come."""
+def _list_future_settings(trials: Trials, name: str, *, varied: bool) -> list[object]:
+    """List the settings of a covariate for trials that are yet to come.
+
+    A counted one, such as the number of the trial, goes on by one.
+    """
     column = trials.covariates[name]
     numbers = trials.numeric(name)
     if name in COUNTED and numbers is not None:
@@ -71,11 +75,11 @@ def _list_heights_um(trials: Trials) -> list[float]:
     return sorted({*between, *seen.tolist()})
 
 
-def _name_blocks(trials: Trials, heights: Floats) -> NDArray[np.str_]:
-    """Name the block of each height [um]: one of the session, or one that is yet to be made."""
+def _name_blocks(trials: Trials, heights_um: Floats) -> NDArray[np.str_]:
+    """Name the block of each height: one of the session, or one that is yet to be made."""
     heights_seen = trials.covariates["height_um"].tolist()
     known = dict(zip(heights_seen, trials.block.tolist(), strict=True))
     names = []
-    for height in heights:
+    for height in heights_um:
         names.append(known.get(float(height), f"step-{height:03.0f}"))
     return np.array(names)

@@ -17,10 +17,10 @@ from stepblocks.parts.characteristics import (
     EdgeRule,
     FaceRule,
     Rule,
-    describe_plane,
     make_characteristic,
     make_edge_break_characteristic,
     make_location_characteristic,
+    make_plane_rule,
 )
 from stepblocks.parts.declared import (
     QuantityValidator,
@@ -229,9 +229,9 @@ class Body(Table):
                 rule = "be below a tenth of the width"
                 yield describe_breach("engraving.depth", rule, deepest, depth)
         if self.mounting is not None:
-            yield from self._check_holes(self.mounting)
+            yield from self._yield_hole_breaches(self.mounting)
 
-    def _check_holes(self, holes: Mounting) -> Iterator[str]:
+    def _yield_hole_breaches(self, holes: Mounting) -> Iterator[str]:
         """Yield what keeps the holes from fitting the base."""
         spacing = holes.spacing.nominal
         entry = holes.entry_diameter
@@ -389,11 +389,11 @@ class Block(Part):
         """
         mounting = self.body.mounting
         half_length = self.body.half_length
-        left = describe_plane(0, -half_length)
-        base = describe_plane(2, self.body.base)
+        left = make_plane_rule(0, -half_length)
+        base = make_plane_rule(2, self.body.base)
         yield from self._yield_side_characteristics(lower)
         if mounting is not None:
-            holes = (self._describe_hole(mounting, -0.5), self._describe_hole(mounting, 0.5))
+            holes = (self._make_hole_rule(mounting, -0.5), self._make_hole_rule(mounting, 0.5))
             yield make_characteristic(
                 "hole_spacing", "distance", mounting.spacing, *holes, method=MACHINE
             )
@@ -411,17 +411,17 @@ class Block(Part):
     def _yield_side_characteristics(self, lower: FaceRule) -> Iterator[Characteristic]:
         """Yield length, width and thickness; `lower` is the lower working face."""
         body = self.body
-        left = describe_plane(0, -body.half_length)
-        right = describe_plane(0, body.half_length)
+        left = make_plane_rule(0, -body.half_length)
+        right = make_plane_rule(0, body.half_length)
         yield make_characteristic("length", "distance", body.length, left, right)
-        front = describe_plane(1, -body.half_width)
-        back = describe_plane(1, body.half_width)
+        front = make_plane_rule(1, -body.half_width)
+        back = make_plane_rule(1, body.half_width)
         yield make_characteristic("width", "distance", body.width, front, back)
-        base = describe_plane(2, body.base)
+        base = make_plane_rule(2, body.base)
         yield make_characteristic("thickness", "distance", body.thickness, base, lower)
 
-    def _describe_hole(self, mounting: Mounting, side: float) -> FaceRule:
-        """Describe the wall of a hole; `side` is -0.5 of the left one, 0.5 of the right one."""
+    def _make_hole_rule(self, mounting: Mounting, side: float) -> FaceRule:
+        """Make the rule of the wall of the left hole (`side` -0.5) or the right one (0.5)."""
         x = side * mounting.spacing.nominal
         return FaceRule("CYLINDER", radius=0.5 * mounting.hole_diameter, holds={0: x})
 
@@ -431,9 +431,9 @@ class Block(Part):
         chamfer = body.edge_break.nominal
         middle = {0: body.half_length - 0.5 * chamfer, 1: 0.0, 2: body.base + 0.5 * chamfer}
         slope = FaceRule("SLOPE", holds=middle)
-        right = describe_plane(0, body.half_length)
+        right = make_plane_rule(0, body.half_length)
         return make_edge_break_characteristic(
-            body.edge_break, right, EdgeRule(slope, describe_plane(2, body.base))
+            body.edge_break, right, EdgeRule(slope, make_plane_rule(2, body.base))
         )
 
     def _yield_engraving_characteristics(self) -> Iterator[Characteristic]:
@@ -442,12 +442,12 @@ class Block(Part):
         if engraving is None:
             return
         front = -self.body.half_width
-        floor = describe_plane(1, front + engraving.depth.nominal)
+        floor = make_plane_rule(1, front + engraving.depth.nominal)
         yield make_characteristic(
             "engraving_depth",
             "distance",
             engraving.depth,
-            describe_plane(1, front),
+            make_plane_rule(1, front),
             floor,
             method="microscope, focus",
         )
@@ -465,35 +465,35 @@ class Block(Part):
         """Yield depth and place of the fixing holes, measured at the left one."""
         half_length = self.body.half_length
         half_width = self.body.half_width
-        hole = self._describe_hole(mounting, -0.5)
+        hole = self._make_hole_rule(mounting, -0.5)
         hole_x = -0.5 * mounting.spacing.nominal
         ends: tuple[Rule, Rule]
         if mounting.kind == "tapped":
             label = "depth of the core holes"
-            ends = self._describe_core_ends(mounting, hole)
+            ends = self._make_core_end_rules(mounting, hole)
         else:
             label = "depth of the counterbores"
             wall_x = hole_x + 0.5 * mounting.hole_diameter
-            ends = (lower, describe_plane(2, -mounting.depth.nominal, x=wall_x))
+            ends = (lower, make_plane_rule(2, -mounting.depth.nominal, x=wall_x))
         yield make_characteristic(
             "hole_depth", "distance", mounting.depth, *ends, label=label, method=DEPTH_GAUGE
         )
-        left = describe_plane(0, -half_length)
+        left = make_plane_rule(0, -half_length)
         label = "left hole from the left side"
         yield make_location_characteristic("hole_position", label, half_length + hole_x, left, hole)
-        front = describe_plane(1, -half_width)
+        front = make_plane_rule(1, -half_width)
         yield make_location_characteristic(
             "hole_row", "holes from the front", half_width, front, hole
         )
 
-    def _describe_core_ends(self, mounting: Mounting, hole: FaceRule) -> tuple[Rule, Rule]:
-        """Describe the ends of a core hole: the base, and where the drill's point begins."""
+    def _make_core_end_rules(self, mounting: Mounting, hole: FaceRule) -> tuple[Rule, Rule]:
+        """Make rules of both ends of a core hole: the base, and where the drill's point begins."""
         base = self.body.base
         hole_x = -0.5 * mounting.spacing.nominal
         radius = 0.5 * mounting.hole_diameter
         in_point = base + mounting.depth.nominal + 0.2 * radius
         point = FaceRule("CONE", holds={0: hole_x, 2: in_point})
-        return describe_plane(2, base), EdgeRule(hole, point)
+        return make_plane_rule(2, base), EdgeRule(hole, point)
 
     def _state_thread(self, mounting: Mounting) -> Characteristic:
         """State the thread and its least full depth."""
@@ -515,9 +515,9 @@ class Block(Part):
                 if size < side:
                     yield describe_breach(f"stock along {axis}", "hold the block", side, size)
         if self.body.engraving is not None:
-            yield from self._check_letters(self.body.engraving)
+            yield from self._yield_letter_breaches(self.body.engraving)
 
-    def _check_letters(self, engraving: Engraving) -> Iterator[str]:
+    def _yield_letter_breaches(self, engraving: Engraving) -> Iterator[str]:
         """Yield what keeps the letters from fitting the front."""
         body = self.body
         height = engraving.height.nominal

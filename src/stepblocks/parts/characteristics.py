@@ -166,8 +166,11 @@ def _fits_slope(face: cad.door.Face, rule: FaceRule) -> bool:
     return True
 
 
-def describe_plane(axis: int, at: float, body: int | None = None, **holds: float) -> FaceRule:
-    """Describe a plane square to an axis that contains the coordinates `x`, `y` and `z` [m]."""
+def make_plane_rule(axis: int, at: float, body: int | None = None, **holds: float) -> FaceRule:
+    """Make the rule of a plane square to an axis at a coordinate along it [m].
+
+    Its face contains the coordinates `x`, `y` and `z` that are given [m].
+    """
     by_axis = {"xyz".index(name): value for name, value in holds.items()}
     return FaceRule("PLANE", axis, at, holds=by_axis, body=body)
 

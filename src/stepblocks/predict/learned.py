@@ -200,7 +200,7 @@ def _read_conditions(table: pd.DataFrame, learned: LearnedModel) -> _Conditions:
             is_beyond = (numbers < place.low - slack) | (numbers > place.high + slack)
             _append_column_name(outside, is_good & is_beyond, name)
         columns[name] = np.where(is_good, numbers, 1.0)
-    columns["tip_radius_um"] = _read_tip_radii(table, learned)
+    columns["tip_radius_um"] = _read_tip_radii_um(table, learned)
     return _Conditions(columns, invalid, outside)
 
 
@@ -209,7 +209,7 @@ def _append_column_name(texts: NDArray[np.object_], rows: NDArray[np.bool_], nam
     texts[rows] = np.where(texts[rows] == "", name, texts[rows] + f"; {name}")
 
 
-def _read_tip_radii(table: pd.DataFrame, learned: LearnedModel) -> Floats:
+def _read_tip_radii_um(table: pd.DataFrame, learned: LearnedModel) -> Floats:
     """Read the radius of each trial's tip [um]; without a column that of the session."""
     tips = table.get("tip", pd.Series("", table.index)).astype(str)
     return np.array([parse_tip_radius_um(tip, learned.tip_radius_um) for tip in tips])

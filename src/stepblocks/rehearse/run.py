@@ -153,7 +153,7 @@ def _write_scans(plan: SessionPlan, heights: Mapping[float, float], folder: Path
     for number, (nominal, height) in enumerate(heights.items()):
         path = folder / f"{name_block(nominal)}.csv"
         random = np.random.default_rng([plan.seed, 3, number])
-        _write_scan(path, Step(height, rounding), random)
+        _write_simulated_scan(path, Step(height, rounding), random)
 
 
 def _find_constant_rounding(effect: PlantedEffect) -> float:
@@ -168,7 +168,7 @@ def _find_constant_rounding(effect: PlantedEffect) -> float:
     return 0.0
 
 
-def _write_scan(path: Path, step: Step, random: np.random.Generator) -> None:
+def _write_simulated_scan(path: Path, step: Step, random: np.random.Generator) -> None:
     """Write a profilometer line across the edge with tilt and offset, as an instrument does."""
     x = np.arange(-_SCAN_REACH, _SCAN_REACH + _SCAN_STEP / 2.0, _SCAN_STEP)
     profile = 1e6 * np.maximum(step.heights(1e-6 * x), 0.0)

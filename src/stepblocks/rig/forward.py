@@ -131,8 +131,10 @@ def parse_tip_radius_um(tip: str, default: float) -> float:
     return float(match.group(1))
 
 
-def read_tip_radii(tips: Iterable[str], declared_um: float, place: str = "") -> NDArray[np.float64]:
-    """Read radii of tips from their labels [um]; refuse them where none is the declared radius."""
+def read_tip_radii_um(
+    tips: Iterable[str], declared_um: float, place: str = ""
+) -> NDArray[np.float64]:
+    """Return the radii of tips [um] from their labels; refuse them if none is the declared one."""
     radii = np.array([parse_tip_radius_um(tip, declared_um) for tip in tips])
     if radii.size and not np.isclose(radii, declared_um, rtol=_RADIUS_TOLERANCE).any():
         labels = ", ".join(f"{radius:g} um" for radius in np.unique(radii).tolist())

@@ -107,7 +107,7 @@ def read_scan(
             f"[{path.name}]"
         )
     found = _read_in_worker(path, unit, channel)
-    return _check_scale(found, reader, path)
+    return _check_and_note_scale(found, reader, path)
 
 
 def _read_in_worker(path: Path, unit: str | None, channel: str | None) -> LoadedScan:
@@ -129,7 +129,9 @@ def read_scan_in_worker(path: Path, unit: str = "", channel: str = "") -> dict[s
     return {**vars(found.scan), "channel": found.channel}
 
 
-def _check_scale(found: LoadedScan, reader: ScanReader, path: Path) -> ScannedProfile | HeightMap:
+def _check_and_note_scale(
+    found: LoadedScan, reader: ScanReader, path: Path
+) -> ScannedProfile | HeightMap:
     """Compare heights with the scale that the file states, and note what was checked."""
     scan = found.scan
     stated = reader.read_height_scale(path, found.channel)

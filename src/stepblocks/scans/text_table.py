@@ -246,7 +246,7 @@ def parse_table(text: str, source: str, declared: TableLayout = UNDECLARED) -> N
         values, places = rows.values, rows.places
         if rows.words:
             notes.append(describe_missing(list(dict.fromkeys(rows.words)), len(rows.words), ""))
-    table = _name_columns(head, values, source)
+    table = _make_named_table(head, values, source)
     return replace(table, missing=declared.missing_values, places=places, notes=tuple(notes))
 
 
@@ -474,7 +474,7 @@ def _make_line_error(line: str, number: int, layout: _Layout, source: str) -> Me
     )
 
 
-def _name_columns(head: Sequence[Sequence[str]], values: Array, source: str) -> NumberTable:
+def _make_named_table(head: Sequence[Sequence[str]], values: Array, source: str) -> NumberTable:
     """Name the columns by the last line of the head, or by the last two, names above units."""
     lines = []
     for fields in head:

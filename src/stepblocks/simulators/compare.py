@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -182,14 +183,22 @@ def _predict_event(stimulus: Path, overrides: dict[str, float], backward: bool) 
     return event
 
 
+class _ForceRecord(NamedTuple):
+    """Force along the drag, as an engine recorded it."""
+
+    force: Array  # shape (n,) [N]
+    rate: float  # of its samples [Hz]
+    has_pull: bool  # whether it holds the pull too, and not the ring alone
+
+
 def _read_record(
     record: str | Path | pd.DataFrame, place: str, event: VibrationEvent, layout: TableLayout
-) -> tuple[Array, float, bool]:
-    """Read force along the drag [N], rate of its samples [Hz], and whether it holds the pull."""
+) -> _ForceRecord:
+    """Read the force of a record; of an acceleration it is that on the mass that rings."""
     if isinstance(record, str | Path) and Path(record).suffix in (".h5", ".hdf5"):
         refuse_layout(layout, f"an HDF5 file [{record}]", HapticsError)
         force, rate = _read_motion(record, place)
-        return force, rate, True
+        return _ForceRecord(force, rate, has_pull=True)
     source: object = place
     if isinstance(record, pd.DataFrame):
         refuse_layout(layout, "a table in memory", HapticsError)
@@ -211,7 +220,7 @@ def _read_record(
         force = acceleration * event.tool.effective_mass
     if not np.isfinite(force).all():
         raise HapticsError(f"the record must have finite samples, got others [{place}]")
-    return force, rate, has_pull
+    return _ForceRecord(force, rate, has_pull)
 
 
 def _read_motion(record: str | Path, place: str) -> tuple[Array, float]:

@@ -189,7 +189,7 @@ def design_study(
         standard=standard,
         interleaved=interleaved,
     )
-    _check_outcomes(design, primary, reference)
+    _refuse_unknown_outcomes(design, primary, reference)
     preregistration = render_page(
         "stepblocks.study",
         "preregistration.txt",
@@ -255,7 +255,7 @@ def _complete_stated_prior(prior: Mapping[str, float], trials: int) -> Prior:
     return complete_prior(stated)
 
 
-def _check_outcomes(design: Design, primary: str, reference: str) -> None:
+def _refuse_unknown_outcomes(design: Design, primary: str, reference: str) -> None:
     """Reject a primary outcome or a reference that the trials of a design do not have."""
     table = separate_factors_between_participants(pd.DataFrame(design.trials))
     conditions = sorted(set(table["condition"]))

@@ -127,12 +127,12 @@ class TargetAxis:
         """
         if len(energies) != len(self._energies):
             self._energies = energies
-            self._make_marks()
+            self._remake_marks()
         elif not self.is_held and _differ_as_written(energies, self._energies):
             self._energies = energies
         self._place_marks()
 
-    def _make_marks(self) -> None:
+    def _remake_marks(self) -> None:
         """Make a mark for each target."""
         self._targets.clear()
         self._marks = []
@@ -215,7 +215,7 @@ class TargetAxis:
         """Add a target above the highest one."""
         highest = max(self._energies, default=_MICROJOULE)
         self._energies = [*self._energies, highest * 10.0 ** (_NEXT / _LEVEL)]
-        self._make_marks()
+        self._remake_marks()
         self._place_marks()
         self._on_change(self.energies)
 
@@ -224,7 +224,7 @@ class TargetAxis:
         if len(self._energies) < 2 or number >= len(self._energies):
             return
         self._energies = [*self._energies[:number], *self._energies[number + 1 :]]
-        self._make_marks()
+        self._remake_marks()
         self._place_marks()
         self._on_change(self.energies)
 

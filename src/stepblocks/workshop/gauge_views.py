@@ -99,11 +99,11 @@ def _draw_section(sheet: Sheet, base: Body, pair: GaugePair) -> None:
     sheet.write_text((middle_x, low - 8.0), caption, alignment=Alignment.BOTTOM_CENTER)
 
 
-def _draw_cut_box(sheet: Sheet, low: Point, high: Point, angle: float) -> None:
-    """Draw a rectangle that is cut, its hatch turned by an angle [deg]."""
+def _draw_cut_box(sheet: Sheet, low: Point, high: Point, hatch_degrees: float) -> None:
+    """Draw a rectangle that is cut, with its hatch."""
     left, bottom = low
     right, top = high
-    sheet.draw_hatch([low, (right, bottom), high, (left, top)], angle)
+    sheet.draw_hatch([low, (right, bottom), high, (left, top)], hatch_degrees)
     sheet.draw_rectangle(low, high)
 
 

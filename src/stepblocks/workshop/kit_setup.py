@@ -120,7 +120,7 @@ def _describe_stock(stock: Box | Cylinder) -> str:
 def _list_setups(component: Component) -> list[tuple[SetupLine, list[Cylinder]]]:
     """List the setups of a component, each with the bores that are made in it."""
     if component.is_turned:
-        return [(_describe_turning(component), list(component.bores))]
+        return [(_make_turning_line(component), list(component.bores))]
     setups: list[tuple[SetupLine, list[Cylinder]]] = []
     waiting = list(component.bores)
     for side in Side:
@@ -130,22 +130,22 @@ def _list_setups(component: Component) -> list[tuple[SetupLine, list[Cylinder]]]
             continue
         waiting = [bore for bore in waiting if bore not in bores]
         number = len(setups) + 1
-        setups.append((_describe_milling(component, side, number, bores), bores))
+        setups.append((_make_milling_line(component, side, number, bores), bores))
     return setups
 
 
-def _describe_turning(component: Component) -> SetupLine:
-    """Describe the one setup of a part that is turned."""
+def _make_turning_line(component: Component) -> SetupLine:
+    """Return the line of the one setup of a part that is turned."""
     work = [f"face and turn R{number}" for number in range(1, len(component.rods) + 1)]
     work += [_describe_bore(component, bore) for bore in component.bores]
     work.append("part off and face to length")
     return SetupLine(1, "end", "chuck", "axis of the bar, its faced end", work)
 
 
-def _describe_milling(
+def _make_milling_line(
     component: Component, side: Side, number: int, bores: Sequence[Cylinder]
 ) -> SetupLine:
-    """Describe a setup with one side up."""
+    """Return the line of a setup with one side up."""
     clamping = "vice on two sides, the base or a milled side on parallels"
     datum = "left, front and base as milled"
     work = []

@@ -130,9 +130,9 @@ def check_step_in_worker(path: Path, require_ap242: bool) -> dict[str, object]:
     if require_ap242 and not _is_ap242(file):
         findings.append(f"FILE_SCHEMA: must be AP242, got {', '.join(file.schema) or 'nothing'}")
     for dimension in dimensions:
-        findings += _check_dimension(dimension)
+        findings += _yield_dimension_faults(dimension)
     for tolerance in tolerances:
-        findings += _check_tolerance(tolerance, require_ap242)
+        findings += _yield_tolerance_faults(tolerance, require_ap242)
     findings += find_vertices_off_edges(file)
     report = StepReport(
         name=file.name,
@@ -152,8 +152,8 @@ def _is_ap242(file: Exchange) -> bool:
     return any(schema.upper().startswith("AP242_MANAGED_MODEL") for schema in file.schema)
 
 
-def _check_dimension(dimension: Characteristic) -> Iterator[str]:
-    """Say what is wrong with a dimension, and where it is not true to its faces."""
+def _yield_dimension_faults(dimension: Characteristic) -> Iterator[str]:
+    """Yield what is wrong with a dimension, and where it is not true to its faces."""
     if dimension.problem is Problem.NO_VALUE:
         return  # a dimension for reference only carries no value; it is listed, not judged
     label = f"{dimension.ref} {dimension.kind}"
@@ -180,8 +180,8 @@ def _check_dimension(dimension: Characteristic) -> Iterator[str]:
         yield f"{label}: says {stated}, but its faces {faces} have {measured} {off}"
 
 
-def _check_tolerance(tolerance: Characteristic, require_face: bool) -> Iterator[str]:
-    """Say what is wrong with a tolerance."""
+def _yield_tolerance_faults(tolerance: Characteristic, require_face: bool) -> Iterator[str]:
+    """Yield what is wrong with a tolerance."""
     if tolerance.problem:
         yield f"{tolerance.ref} {tolerance.kind}: {tolerance.problem}"
     if require_face and not tolerance.faces:

@@ -142,13 +142,13 @@ def find_mistyped_measures(file: Exchange) -> list[str]:
                 continue
             value, unit = parameters[place : place + 2]
             dimension = read_unit(file, unit).dimension
-            for finding in _check_typed_value(value, dimension):
+            for finding in _yield_typed_value_faults(value, dimension):
                 findings.append(f"{ref} {entity}: {finding}")
     return findings
 
 
-def _check_typed_value(value: object, dimension: str) -> Iterator[str]:
-    """Say what is wrong with a value that has a unit of a dimension."""
+def _yield_typed_value_faults(value: object, dimension: str) -> Iterator[str]:
+    """Yield what is wrong with a value that has a unit of a dimension."""
     if not isinstance(value, Typed):
         yield f"value must be typed, such as LENGTH_MEASURE(...), got {value!r}"
         return

@@ -153,7 +153,7 @@ def build_envelope_path(discs: list[Disc], lines: list[Line], ball_radius: float
     """Upper envelope of circles grown by the ball and of lines lifted by it."""
     start, end = lines[0].start[0], lines[-1].end[0]
     shapes = _Shapes(discs, lines, ball_radius)
-    places = np.concatenate([[start, end], shapes.place_knots()])
+    places = np.concatenate([[start, end], shapes.compute_knots()])
     knots = np.unique(np.clip(places, start, end))
     for _ in range(_PASSES):
         refined = _add_crossings(shapes, knots)
@@ -211,8 +211,8 @@ class _Shapes:
         columns = np.array(rows).T
         self.x, self.z, self.radius, self.slope, self.begin, self.end = columns
 
-    def place_knots(self) -> Array:
-        """Lay knots on every circle, and at both ends of every line [m]."""
+    def compute_knots(self) -> Array:
+        """Return x of knots on every circle, and at both ends of every line, in no order [m]."""
         wanted = math.ceil(math.pi / _ANGLE_STEP)
         affordable = _MOST_KNOTS // max(self.circles, 1)
         count = max(_LEAST_KNOTS, min(wanted, affordable))

@@ -95,7 +95,7 @@ def measure_faces(
         _UPPER: _Zone("flatness, upper face", compute_flatness, (upper,)),
         _PARALLELISM: _Zone("parallelism, upper face to A", compute_parallelism, (upper, lower)),
     }
-    notes.append(_describe_zones(list(zones.values()), max(lower.degree, upper.degree)))
+    notes.append(_make_zones_note(list(zones.values()), max(lower.degree, upper.degree)))
     if lower.is_wavy or upper.is_wavy:
         cutoff = choose_face_cutoff((scan.dy * thin_y, scan.dx * thin_x))
         notes.append(NoteKind.WAVINESS_OF_FACES.make_note(cutoff=cutoff * 1e3))
@@ -111,8 +111,8 @@ def measure_faces(
     return MeasuredFaces(values, covered)
 
 
-def _describe_zones(zones: list[_Zone], degree: int) -> Note:
-    """Say how zones are defined, and those of all points."""
+def _make_zones_note(zones: list[_Zone], degree: int) -> Note:
+    """Make a note on how zones are defined, and on those of all points."""
     listed = []
     for zone in zones:
         points = [face.points for face in zone.faces]

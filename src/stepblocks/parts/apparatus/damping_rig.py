@@ -14,7 +14,7 @@ from stepblocks.parts.apparatus.frame import (
     SCREWS_OF_THE_SHANK_CLAMP,
     SCREWS_OF_THE_SHEATH_JAW,
 )
-from stepblocks.parts.apparatus.solids import Deviations, make_bore, make_box, repeat_bore
+from stepblocks.parts.apparatus.solids import Deviations, make_bore_mm, make_box_mm, repeat_bore
 from stepblocks.parts.characteristics import MICROMETER, FaceRule, make_characteristic
 from stepblocks.parts.tolerance import Dimension
 
@@ -54,8 +54,8 @@ def yield_damping_rig_components(displacement: float) -> Iterator[Component]:
         "release-post",
         "Post of the release",
         "aluminium",
-        boxes=(make_box((x - 6.0, y - 6.0, -30.0), (x + 6.0, y + 6.0, _SLIDE_FOOT)),),
-        bores=(make_bore("z", (x, y, -30.0), 3.3, 12.0, "M4"),),
+        boxes=(make_box_mm((x - 6.0, y - 6.0, -30.0), (x + 6.0, y + 6.0, _SLIDE_FOOT)),),
+        bores=(make_bore_mm("z", (x, y, -30.0), 3.3, 12.0, "M4"),),
     )
     yield _make_slide(displacement)
 
@@ -63,15 +63,15 @@ def yield_damping_rig_components(displacement: float) -> Iterator[Component]:
 def _make_lower_half(clamp: _Clamp) -> Component:
     """Make the half that stands on the base, with the threads of the screws."""
     start, end = clamp.middle - clamp.half_length, clamp.middle + clamp.half_length
-    groove = make_bore("x", (start, _AXIS_Y, 0.0), clamp.groove, end - start)
-    thread = make_bore("z", (clamp.middle, 0.0, -30.0), 3.3, 30.0, "M4")
+    groove = make_bore_mm("x", (start, _AXIS_Y, 0.0), clamp.groove, end - start)
+    thread = make_bore_mm("z", (clamp.middle, 0.0, -30.0), 3.3, 30.0, "M4")
     bores = repeat_bore(thread, "y", SCREWS_OF_THE_JAWS)
     bores.append(replace(groove, deviations=_GROOVE, inward=(0.0, 0.0, -1.0)))
     return Component(
         f"{clamp.name}-lower",
         f"{clamp.title}, lower",
         "aluminium",
-        boxes=(make_box((start, 66.0, -30.0), (end, 94.0, 0.0)),),
+        boxes=(make_box_mm((start, 66.0, -30.0), (end, 94.0, 0.0)),),
         bores=tuple(bores),
     )
 
@@ -79,17 +79,17 @@ def _make_lower_half(clamp: _Clamp) -> Component:
 def _make_upper_half(clamp: _Clamp) -> Component:
     """Make the half that is screwed on; that of the jaw has a pocket for the pressure sensor."""
     start, end = clamp.middle - clamp.half_length, clamp.middle + clamp.half_length
-    groove = make_bore("x", (start, _AXIS_Y, 0.0), clamp.groove, end - start)
-    hole = make_bore("z", (clamp.middle, 0.0, 0.0), 4.5, 12.0)
+    groove = make_bore_mm("x", (start, _AXIS_Y, 0.0), clamp.groove, end - start)
+    hole = make_bore_mm("z", (clamp.middle, 0.0, 0.0), 4.5, 12.0)
     bores = repeat_bore(hole, "y", SCREWS_OF_THE_JAWS)
     if clamp.has_sensor:
-        bores.append(make_bore("z", (clamp.middle, _AXIS_Y, 10.0), _SENSOR_POCKET, 2.0))
+        bores.append(make_bore_mm("z", (clamp.middle, _AXIS_Y, 10.0), _SENSOR_POCKET, 2.0))
     bores.append(replace(groove, deviations=_GROOVE, inward=(0.0, 0.0, 1.0)))
     return Component(
         f"{clamp.name}-upper",
         f"{clamp.title}, upper",
         "aluminium",
-        boxes=(make_box((start, 66.0, 0.0), (end, 94.0, 12.0)),),
+        boxes=(make_box_mm((start, 66.0, 0.0), (end, 94.0, 12.0)),),
         bores=tuple(bores),
     )
 
@@ -117,6 +117,6 @@ def _make_slide(displacement: float) -> Component:
         "release-slide",
         "Slide that lets the shank go",
         "steel",
-        boxes=(make_box((x - 4.0, y - 10.0, _SLIDE_FOOT), (x + 4.0, y + 10.0, top)),),
+        boxes=(make_box_mm((x - 4.0, y - 10.0, _SLIDE_FOOT), (x + 4.0, y + 10.0, top)),),
         held=(lift,),
     )

@@ -9,9 +9,9 @@ from collections.abc import Iterator
 from stepblocks.parts.apparatus.component import Component
 from stepblocks.parts.apparatus.solids import (
     Deviations,
-    make_bore,
-    make_box,
-    make_rod,
+    make_bore_mm,
+    make_box_mm,
+    make_rod_mm,
     repeat_bore,
 )
 
@@ -30,15 +30,15 @@ _SEAT_SCREWS = ((0.0, -10.0), (0.0, 10.0))
 _BLOCK_SCREWS = (-6.0, 6.0)  # their x
 
 
-def yield_frame_components(carriage_low: float) -> Iterator[Component]:
+def yield_frame_components(carriage_low_mm: float) -> Iterator[Component]:
     """Yield the components of the frame, for a carriage whose lower face lies at a height [mm]."""
-    shaft_height = carriage_low + SHAFT_RISE
+    shaft_height = carriage_low_mm + SHAFT_RISE
     yield _make_base()
     yield _make_seat()
     for name, x in _PORTALS.items():
         yield _make_portal(name, x, shaft_height)
     for name, y in SHAFTS.items():
-        rod = make_rod("x", (-116.0, y, shaft_height), _SHAFT, 172.0, _H6)
+        rod = make_rod_mm("x", (-116.0, y, shaft_height), _SHAFT, 172.0, _H6)
         yield Component(
             f"shaft-{name}",
             "Shaft",
@@ -57,24 +57,24 @@ def _make_base() -> Component:
     screws += itertools.product(clamps, SCREWS_OF_THE_JAWS)
     bores = []
     for x, y in screws:
-        bores.append(make_bore("z", (x, y, -40.0), 4.5, 10.0))
+        bores.append(make_bore_mm("z", (x, y, -40.0), 4.5, 10.0))
     # through which the screws of the block are reached
-    access = make_bore("z", (0.0, 0.0, -40.0), 7.0, 10.0)
+    access = make_bore_mm("z", (0.0, 0.0, -40.0), 7.0, 10.0)
     bores += repeat_bore(access, "x", _BLOCK_SCREWS)
-    plate = make_box((-130.0, -60.0, -40.0), (80.0, 100.0, -30.0))
+    plate = make_box_mm((-130.0, -60.0, -40.0), (80.0, 100.0, -30.0))
     return Component("base", "Base plate", "aluminium", boxes=(plate,), bores=tuple(bores))
 
 
 def _make_seat() -> Component:
     """Make the seat: a block lies on it against a stop, and is screwed on from below."""
-    hole = make_bore("z", (0.0, 0.0, -24.0), 3.4, 16.0)
-    counterbore = make_bore("z", (0.0, 0.0, -30.0), 6.5, 6.0)
+    hole = make_bore_mm("z", (0.0, 0.0, -24.0), 3.4, 16.0)
+    counterbore = make_bore_mm("z", (0.0, 0.0, -30.0), 6.5, 6.0)
     bores = repeat_bore(hole, "x", _BLOCK_SCREWS)
     bores += repeat_bore(counterbore, "x", _BLOCK_SCREWS)
     for x, y in _SEAT_SCREWS:
-        bores.append(make_bore("z", (x, y, -30.0), 3.3, 12.0, "M4"))
-    body = make_box((-17.0, -14.0, -30.0), (12.0, 14.0, -8.0))
-    stop = make_box((-17.0, -14.0, -8.0), (-10.0, 14.0, -2.0))
+        bores.append(make_bore_mm("z", (x, y, -30.0), 3.3, 12.0, "M4"))
+    body = make_box_mm((-17.0, -14.0, -30.0), (12.0, 14.0, -8.0))
+    stop = make_box_mm((-17.0, -14.0, -8.0), (-10.0, 14.0, -2.0))
     return Component(
         "block-seat",
         "Seat of the blocks",
@@ -88,12 +88,12 @@ def _make_seat() -> Component:
 def _make_portal(name: str, x: float, shaft_height: float) -> Component:
     """Make a portal whose two columns hold the ends of the shafts."""
     top = shaft_height + SHAFT_RISE
-    foot = make_box((x, -50.0, -30.0), (x + 12.0, 50.0, -18.0))
+    foot = make_box_mm((x, -50.0, -30.0), (x + 12.0, 50.0, -18.0))
     columns = []
     for y in SHAFTS.values():
-        columns.append(make_box((x, y - 8.0, -18.0), (x + 12.0, y + 8.0, top)))
-    seat = make_bore("x", (x, 0.0, shaft_height), _SHAFT, 12.0, "H7")
-    thread = make_bore("z", (x + 6.0, 0.0, -30.0), 3.3, 10.0, "M4")
+        columns.append(make_box_mm((x, y - 8.0, -18.0), (x + 12.0, y + 8.0, top)))
+    seat = make_bore_mm("x", (x, 0.0, shaft_height), _SHAFT, 12.0, "H7")
+    thread = make_bore_mm("z", (x + 6.0, 0.0, -30.0), 3.3, 10.0, "M4")
     bores = repeat_bore(seat, "y", SHAFTS.values())
     bores += repeat_bore(thread, "y", _FEET_OF_THE_PORTALS)
     return Component(
@@ -108,13 +108,13 @@ def _make_portal(name: str, x: float, shaft_height: float) -> Component:
 
 def make_stand_in_block() -> Component:
     """Make the place of a step block, which the set of the blocks declares."""
-    thread = make_bore("z", (0.0, 0.0, -8.0), 2.5, 5.0, "M3")
+    thread = make_bore_mm("z", (0.0, 0.0, -8.0), 2.5, 5.0, "M3")
     bores = repeat_bore(thread, "x", _BLOCK_SCREWS)
     return Component(
         "block",
         "Step block",
         "steel",
-        boxes=(make_box((-10.0, -12.0, -8.0), (10.0, 12.0, 0.0)),),
+        boxes=(make_box_mm((-10.0, -12.0, -8.0), (10.0, 12.0, 0.0)),),
         bores=tuple(bores),
         designation="any block of paper-ten",
     )

@@ -8,7 +8,7 @@ from stepblocks.parts.apparatus.damping_rig import yield_damping_rig_components
 from stepblocks.parts.apparatus.declared import Apparatus
 from stepblocks.parts.apparatus.frame import make_stand_in_block, yield_frame_components
 from stepblocks.parts.apparatus.probe_arm import (
-    find_carriage_height,
+    find_carriage_height_mm,
     make_flexure,
     yield_balanced_arm_components,
     yield_carriage_components,
@@ -43,13 +43,13 @@ def list_stages(kit: Apparatus, weight: float | None = None) -> list[Stage]:
     """
     if weight is None:
         weight = max(kit.normal_weights)
-    carriage_low = find_carriage_height(kit.flexure)
+    carriage_low_mm = find_carriage_height_mm(kit.flexure)
     flexure_and_pivot = [make_flexure(kit.flexure), *yield_yoke_components()]
     block_and_pull = [make_stand_in_block(), *yield_pull_components()]
     damping_rig = yield_damping_rig_components(kit.displacement.value)
     return [
-        Stage("frame", list(yield_frame_components(carriage_low))),
-        Stage("carriage", list(yield_carriage_components(carriage_low))),
+        Stage("frame", list(yield_frame_components(carriage_low_mm))),
+        Stage("carriage", list(yield_carriage_components(carriage_low_mm))),
         Stage("flexure and pivot", flexure_and_pivot),
         Stage("arm", list(yield_balanced_arm_components(weight))),
         Stage("block and pull", block_and_pull),

@@ -14,9 +14,9 @@ from stepblocks.parts.apparatus.frame import SHAFT_RISE, SHAFTS
 from stepblocks.parts.apparatus.solids import (
     Box,
     Deviations,
-    make_bore,
-    make_box,
-    make_rod,
+    make_bore_mm,
+    make_box_mm,
+    make_rod_mm,
     repeat_bore,
 )
 from stepblocks.parts.characteristics import (
@@ -50,7 +50,7 @@ _COUNTERWEIGHT_PLACE = -85.0  # x of its middle, about
 WEIGHT_NAME = "weight"
 
 
-def find_carriage_height(leaf: Flexure) -> float:
+def find_carriage_height_mm(leaf: Flexure) -> float:
     """Find the height of the lower face of the carriage over the tip [mm]."""
     return _FOOT + 1e3 * leaf.length.nominal + _END
 
@@ -65,15 +65,15 @@ def yield_balanced_arm_components(weight: float) -> Iterator[Component]:
     yield _make_counterweight([*arm, rod])
 
 
-def yield_carriage_components(low: float) -> Iterator[Component]:
+def yield_carriage_components(low_mm: float) -> Iterator[Component]:
     """Yield the carriage with its linear bearings and the hook of the cord.
 
     Its lower face lies at a height [mm].
     """
-    axis_height = low + SHAFT_RISE
-    bearing = make_bore("x", (-63.0, 0.0, axis_height), 15.0, 46.0, "H7")
-    hole = make_bore("z", (0.0, 0.0, low), 3.4, 22.0)
-    thread = make_bore("x", (-23.0, 0.0, low + 6.0), 2.5, 6.0, "M3")
+    axis_height = low_mm + SHAFT_RISE
+    bearing = make_bore_mm("x", (-63.0, 0.0, axis_height), 15.0, 46.0, "H7")
+    hole = make_bore_mm("z", (0.0, 0.0, low_mm), 3.4, 22.0)
+    thread = make_bore_mm("x", (-23.0, 0.0, low_mm + 6.0), 2.5, 6.0, "M3")
     bores = repeat_bore(bearing, "y", SHAFTS.values())
     bores += repeat_bore(hole, "x", _SCREWS)
     bores += repeat_bore(thread, "y", _HOOK_SCREWS)
@@ -81,19 +81,19 @@ def yield_carriage_components(low: float) -> Iterator[Component]:
         "carriage",
         "Carriage",
         "aluminium",
-        boxes=(make_box((-63.0, -42.0, low), (-17.0, 42.0, low + 22.0)),),
+        boxes=(make_box_mm((-63.0, -42.0, low_mm), (-17.0, 42.0, low_mm + 22.0)),),
         bores=tuple(bores),
         is_moving=True,
     )
-    yield _make_hook(low)
+    yield _make_hook(low_mm)
     for name, y in SHAFTS.items():
-        tube = make_rod("x", (-62.5, y, axis_height), 15.0, 45.0)
+        tube = make_rod_mm("x", (-62.5, y, axis_height), 15.0, 45.0)
         yield Component(
             f"bearing-{name}",
             "Linear ball bearing",
             "steel",
             rods=(tube,),
-            bores=(make_bore("x", (-62.5, y, axis_height), 8.0, 45.0),),
+            bores=(make_bore_mm("x", (-62.5, y, axis_height), 8.0, 45.0),),
             designation="linear ball bearing 8 x 15 x 45 (ISO 10285)",
             is_moving=True,
         )
@@ -102,17 +102,19 @@ def yield_carriage_components(low: float) -> Iterator[Component]:
 _HOOK_SCREWS = (-10.0, 10.0)  # y of the screws of the hook into the carriage
 
 
-def _make_hook(carriage_low: float) -> Component:
+def _make_hook(carriage_low_mm: float) -> Component:
     """Make the hook, at whose eye the cord pulls at the height of the tip.
 
-    `carriage_low` is the height of the lower face of the carriage over the tip [mm].
+    `carriage_low_mm` is the height of the lower face of the carriage over the tip [mm].
     """
-    flange = make_box((-17.0, -14.0, carriage_low + 2.0), (-13.0, 14.0, carriage_low + 10.0))
-    beam = make_box((-13.0, -4.0, carriage_low + 2.0), (29.0, 4.0, carriage_low + 10.0))
-    post = make_box((21.0, -4.0, -4.0), (29.0, 4.0, carriage_low + 2.0))
-    hole = make_bore("x", (-17.0, 0.0, carriage_low + 6.0), 3.4, 4.0)
+    flange = make_box_mm(
+        (-17.0, -14.0, carriage_low_mm + 2.0), (-13.0, 14.0, carriage_low_mm + 10.0)
+    )
+    beam = make_box_mm((-13.0, -4.0, carriage_low_mm + 2.0), (29.0, 4.0, carriage_low_mm + 10.0))
+    post = make_box_mm((21.0, -4.0, -4.0), (29.0, 4.0, carriage_low_mm + 2.0))
+    hole = make_bore_mm("x", (-17.0, 0.0, carriage_low_mm + 6.0), 3.4, 4.0)
     bores = repeat_bore(hole, "y", _HOOK_SCREWS)
-    bores.append(make_bore("x", (21.0, 0.0, 0.0), 1.5, 8.0))
+    bores.append(make_bore_mm("x", (21.0, 0.0, 0.0), 1.5, 8.0))
     return Component(
         "hook",
         "Hook of the cord",
@@ -131,9 +133,9 @@ def make_flexure(leaf: Flexure) -> Component:
     screws = []
     for low in (_FOOT - _END, upper_foot):
         ends.append(
-            make_box((_PIVOT - _HALF_END, -10.0, low), (_PIVOT + _HALF_END, 10.0, low + _END))
+            make_box_mm((_PIVOT - _HALF_END, -10.0, low), (_PIVOT + _HALF_END, 10.0, low + _END))
         )
-        thread = make_bore("z", (0.0, 0.0, low), 2.5, _END, "M3")
+        thread = make_bore_mm("z", (0.0, 0.0, low), 2.5, _END, "M3")
         screws += repeat_bore(thread, "x", _SCREWS)
     return Component(
         "flexure",
@@ -193,12 +195,12 @@ def _hold_distance(
 
 def yield_yoke_components() -> Iterator[Component]:
     """Yield the yoke with the two ball bearings of the pivot, and its axle."""
-    flange = make_box((-56.0, -11.0, 28.0), (-24.0, 11.0, 36.0))
-    left_ear = make_box((-48.0, -11.0, -6.0), (-32.0, -5.0, 28.0))
-    right_ear = make_box((-48.0, 5.0, -6.0), (-32.0, 11.0, 28.0))
-    hole = make_bore("z", (0.0, 0.0, 28.0), 3.4, 8.0)
-    bearing = make_bore("y", (_PIVOT, 0.0, 0.0), 10.0, 4.0, "H7")
-    relief = make_bore("y", (_PIVOT, 0.0, 0.0), 7.0, 2.0)
+    flange = make_box_mm((-56.0, -11.0, 28.0), (-24.0, 11.0, 36.0))
+    left_ear = make_box_mm((-48.0, -11.0, -6.0), (-32.0, -5.0, 28.0))
+    right_ear = make_box_mm((-48.0, 5.0, -6.0), (-32.0, 11.0, 28.0))
+    hole = make_bore_mm("z", (0.0, 0.0, 28.0), 3.4, 8.0)
+    bearing = make_bore_mm("y", (_PIVOT, 0.0, 0.0), 10.0, 4.0, "H7")
+    relief = make_bore_mm("y", (_PIVOT, 0.0, 0.0), 7.0, 2.0)
     bores = repeat_bore(hole, "x", _SCREWS)
     bores += repeat_bore(bearing, "y", (-11.0, 7.0))
     bores += repeat_bore(relief, "y", (-7.0, 5.0))
@@ -215,8 +217,8 @@ def yield_yoke_components() -> Iterator[Component]:
             f"pivot-bearing-{name}",
             "Ball bearing",
             "steel",
-            rods=(make_rod("y", (_PIVOT, y, 0.0), 10.0, 4.0),),
-            bores=(make_bore("y", (_PIVOT, y, 0.0), 1e3 * PIVOT_BORE, 4.0),),
+            rods=(make_rod_mm("y", (_PIVOT, y, 0.0), 10.0, 4.0),),
+            bores=(make_bore_mm("y", (_PIVOT, y, 0.0), 1e3 * PIVOT_BORE, 4.0),),
             designation="ball bearing 623, 3 x 10 x 4 (ISO 15)",
             is_moving=True,
         )
@@ -224,7 +226,7 @@ def yield_yoke_components() -> Iterator[Component]:
         "axle",
         "Axle of the pivot",
         "steel",
-        rods=(make_rod("y", (_PIVOT, -11.0, 0.0), 1e3 * PIVOT_BORE, 22.0, _H6),),
+        rods=(make_rod_mm("y", (_PIVOT, -11.0, 0.0), 1e3 * PIVOT_BORE, 22.0, _H6),),
         designation="parallel pin 3 h6 x 22 (ISO 8734)",
         is_moving=True,
     )
@@ -232,14 +234,14 @@ def yield_yoke_components() -> Iterator[Component]:
 
 def _yield_arm_components() -> Iterator[Component]:
     """Yield the arm with its clamp, and the explorer, whose tip is the origin."""
-    grip = replace(make_bore("z", (0.0, 0.0, 14.0), _SHANK, 8.0), deviations=_GRIP)
-    hub = make_box((-46.0, -4.0, -5.0), (-34.0, 4.0, 22.0))
-    beam = make_box((-34.0, -4.0, 14.0), (-8.0, 4.0, 22.0))
-    head = make_box((-8.0, -8.0, 14.0), (0.0, 8.0, 22.0))
-    axle_bore = make_bore("y", (_PIVOT, -4.0, 0.0), 1e3 * PIVOT_BORE, 8.0, "H7")
-    rod_bore = make_bore("x", (-46.0, 0.0, _ARM_HEIGHT), _BALANCE_ROD, 8.0, "H7")
-    front_thread = make_bore("x", (-8.0, -5.0, _ARM_HEIGHT), 2.05, 8.0, "M2.5")
-    back_thread = make_bore("x", (-8.0, 5.0, _ARM_HEIGHT), 2.05, 8.0, "M2.5")
+    grip = replace(make_bore_mm("z", (0.0, 0.0, 14.0), _SHANK, 8.0), deviations=_GRIP)
+    hub = make_box_mm((-46.0, -4.0, -5.0), (-34.0, 4.0, 22.0))
+    beam = make_box_mm((-34.0, -4.0, 14.0), (-8.0, 4.0, 22.0))
+    head = make_box_mm((-8.0, -8.0, 14.0), (0.0, 8.0, 22.0))
+    axle_bore = make_bore_mm("y", (_PIVOT, -4.0, 0.0), 1e3 * PIVOT_BORE, 8.0, "H7")
+    rod_bore = make_bore_mm("x", (-46.0, 0.0, _ARM_HEIGHT), _BALANCE_ROD, 8.0, "H7")
+    front_thread = make_bore_mm("x", (-8.0, -5.0, _ARM_HEIGHT), 2.05, 8.0, "M2.5")
+    back_thread = make_bore_mm("x", (-8.0, 5.0, _ARM_HEIGHT), 2.05, 8.0, "M2.5")
     half_grip = replace(grip, inward=(-1.0, 0.0, 0.0))
     yield Component(
         "arm",
@@ -250,21 +252,21 @@ def _yield_arm_components() -> Iterator[Component]:
         is_moving=True,
         is_on_pivot=True,
     )
-    hole = make_bore("x", (0.0, 0.0, _ARM_HEIGHT), 2.9, 5.0)
+    hole = make_bore_mm("x", (0.0, 0.0, _ARM_HEIGHT), 2.9, 5.0)
     holes = repeat_bore(hole, "y", (-5.0, 5.0))
     holes.append(replace(grip, inward=(1.0, 0.0, 0.0)))
     yield Component(
         "explorer-clamp",
         "Clamp of the explorer",
         "aluminium",
-        boxes=(make_box((0.0, -8.0, 14.0), (5.0, 8.0, 22.0)),),
+        boxes=(make_box_mm((0.0, -8.0, 14.0), (5.0, 8.0, 22.0)),),
         bores=tuple(holes),
         is_moving=True,
         is_on_pivot=True,
         is_printable=True,
     )
-    tip = make_rod("z", (0.0, 0.0, 0.0), 0.25, 8.0)
-    shank = make_rod("z", (0.0, 0.0, 8.0), _SHANK, 32.0)
+    tip = make_rod_mm("z", (0.0, 0.0, 0.0), 0.25, 8.0)
+    shank = make_rod_mm("z", (0.0, 0.0, 8.0), _SHANK, 32.0)
     yield Component(
         "explorer",
         "Explorer",
@@ -288,8 +290,8 @@ def describe_bored_weight(mass: float) -> str:
 
 def _make_weight(mass: float) -> Component:
     """Make a weight [kg] on the shank of the explorer, as high as its mass asks for."""
-    rod = make_rod("z", (0.0, 0.0, _WEIGHT_FOOT), _WEIGHT, 1.0)
-    bore = make_bore("z", (0.0, 0.0, _WEIGHT_FOOT), _WEIGHT_BORE, 1.0)
+    rod = make_rod_mm("z", (0.0, 0.0, _WEIGHT_FOOT), _WEIGHT, 1.0)
+    bore = make_bore_mm("z", (0.0, 0.0, _WEIGHT_FOOT), _WEIGHT_BORE, 1.0)
     length = mass / _find_density("brass") * 1e-3 / (rod.volume - bore.volume)
     return Component(
         WEIGHT_NAME,
@@ -304,7 +306,7 @@ def _make_weight(mass: float) -> Component:
 
 
 def _make_balance_rod() -> Component:
-    rod = make_rod("x", (-98.0, 0.0, _ARM_HEIGHT), _BALANCE_ROD, 60.0, _H6_OF_THE_ROD)
+    rod = make_rod_mm("x", (-98.0, 0.0, _ARM_HEIGHT), _BALANCE_ROD, 60.0, _H6_OF_THE_ROD)
     return Component(
         "balance-rod",
         "Rod of the counterweight",
@@ -335,8 +337,8 @@ def _make_counterweight(carried: list[Component]) -> Component:
         "counterweight",
         "Counterweight",
         "brass",
-        rods=(make_rod("x", start, _COUNTERWEIGHT, length),),
-        bores=(make_bore("x", start, _BALANCE_ROD, length, "H7"),),
+        rods=(make_rod_mm("x", start, _COUNTERWEIGHT, length),),
+        bores=(make_bore_mm("x", start, _BALANCE_ROD, length, "H7"),),
         is_moving=True,
         is_on_pivot=True,
     )

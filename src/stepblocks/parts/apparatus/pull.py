@@ -9,9 +9,9 @@ from stepblocks.parts.apparatus.component import Component
 from stepblocks.parts.apparatus.frame import SCREWS_OF_THE_BRACKET
 from stepblocks.parts.apparatus.solids import (
     Deviations,
-    make_bore,
-    make_box,
-    make_rod,
+    make_bore_mm,
+    make_box_mm,
+    make_rod_mm,
     repeat_bore,
 )
 
@@ -25,37 +25,37 @@ def yield_pull_components() -> Iterator[Component]:
     """Yield the components that pull at the hook of the carriage, from pulley to hanger."""
     x, z = _AXIS
     yield _make_bracket()
-    wheel = make_rod("y", (x, -2.0, z), 1e3 * PULLEY_DIAMETER, 4.0)
+    wheel = make_rod_mm("y", (x, -2.0, z), 1e3 * PULLEY_DIAMETER, 4.0)
     yield Component(
         "pulley",
         "Pulley",
         "steel",
         rods=(wheel,),
-        bores=(make_bore("y", (x, -2.0, z), 1e3 * PULLEY_BORE, 4.0),),
+        bores=(make_bore_mm("y", (x, -2.0, z), 1e3 * PULLEY_BORE, 4.0),),
         designation="pulley, groove 20, on ball bearing 623 (ISO 15)",
     )
     yield Component(
         "pulley-axle",
         "Axle of the pulley",
         "steel",
-        rods=(make_rod("y", (x, -8.0, z), 1e3 * PULLEY_BORE, 16.0, _H6),),
+        rods=(make_rod_mm("y", (x, -8.0, z), 1e3 * PULLEY_BORE, 16.0, _H6),),
         designation="parallel pin 3 h6 x 16 (ISO 8734)",
     )
-    plate = make_rod("z", (82.0, 0.0, -160.0), 24.0, 3.0)
-    stem = make_rod("z", (82.0, 0.0, -157.0), 3.0, 60.0)
+    plate = make_rod_mm("z", (82.0, 0.0, -160.0), 24.0, 3.0)
+    stem = make_rod_mm("z", (82.0, 0.0, -157.0), 3.0, 60.0)
     yield Component("weight-hanger", "Weight hanger", "brass", rods=(plate, stem))
 
 
 def _make_bracket() -> Component:
     """Make the bracket: two cheeks on a foot."""
     x, z = _AXIS
-    left = make_box((64.0, -8.0, -30.0), (80.0, -4.0, -2.0))
-    right = make_box((64.0, 4.0, -30.0), (80.0, 8.0, -2.0))
-    foot = make_box((64.0, -4.0, -30.0), (80.0, 4.0, -24.0))
-    bearing = make_bore("y", (x, 0.0, z), 1e3 * PULLEY_BORE, 4.0, "H7")
+    left = make_box_mm((64.0, -8.0, -30.0), (80.0, -4.0, -2.0))
+    right = make_box_mm((64.0, 4.0, -30.0), (80.0, 8.0, -2.0))
+    foot = make_box_mm((64.0, -4.0, -30.0), (80.0, 4.0, -24.0))
+    bearing = make_bore_mm("y", (x, 0.0, z), 1e3 * PULLEY_BORE, 4.0, "H7")
     bores = repeat_bore(bearing, "y", (-8.0, 4.0))
     for screw_x, screw_y in SCREWS_OF_THE_BRACKET:
-        bores.append(make_bore("z", (screw_x, screw_y, -30.0), 3.3, 10.0, "M4"))
+        bores.append(make_bore_mm("z", (screw_x, screw_y, -30.0), 3.3, 10.0, "M4"))
     return Component(
         "pulley-bracket",
         "Bracket of the pulley",

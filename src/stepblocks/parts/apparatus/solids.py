@@ -210,12 +210,12 @@ def convert_from_millimetres(point: Point3) -> Point3:
     return _MILLIMETRE * x, _MILLIMETRE * y, _MILLIMETRE * z
 
 
-def make_box(low: Point3, high: Point3) -> Box:
+def make_box_mm(low: Point3, high: Point3) -> Box:
     """Make a box by two corners in millimetres."""
     return Box(convert_from_millimetres(low), convert_from_millimetres(high))
 
 
-def make_rod(
+def make_rod_mm(
     axis: Axis, start: Point3, diameter: float, length: float, deviations: Deviations | None = None
 ) -> Cylinder:
     """Make a rod from its start, diameter and length in millimetres; `deviations` are in metres."""
@@ -228,7 +228,9 @@ def make_rod(
     )
 
 
-def make_bore(axis: Axis, start: Point3, diameter: float, length: float, fit: str = "") -> Cylinder:
+def make_bore_mm(
+    axis: Axis, start: Point3, diameter: float, length: float, fit: str = ""
+) -> Cylinder:
     """Make a bore from its start, diameter and length in millimetres.
 
     `fit` is ``"H7"`` (ISO 286-2), or the thread that is cut in the bore, such as ``"M4"``.

@@ -13,8 +13,8 @@ from stepblocks.parts.characteristics import (
     EdgeRule,
     FaceRule,
     Rule,
-    describe_plane,
     make_characteristic,
+    make_plane_rule,
 )
 from stepblocks.parts.declared import (
     Table,
@@ -238,8 +238,8 @@ class CrownOnTooth(CrownMargin, Turned):
             "shell_thickness",
             "distance",
             self.shell_thickness,
-            describe_plane(2, crown.inner_roof_height),
-            describe_plane(2, crown.outer_roof_height),
+            make_plane_rule(2, crown.inner_roof_height),
+            make_plane_rule(2, crown.outer_roof_height),
             body=_CROWN,
         )
         yield self._state_finish_line(outside)
@@ -249,10 +249,10 @@ class CrownOnTooth(CrownMargin, Turned):
         """Yield the heights of preparation and root, together where no shoulder parts them."""
         root = self.root_length
         height = self.preparation_height
-        top = describe_plane(2, height.nominal)
-        base = describe_plane(2, -root.nominal)
+        top = make_plane_rule(2, height.nominal)
+        base = make_plane_rule(2, -root.nominal)
         if self.finish_line.kind == "shoulder":
-            shoulder = describe_plane(2, 0.0)
+            shoulder = make_plane_rule(2, 0.0)
             yield make_characteristic("preparation_height", "distance", height, shoulder, top)
             yield make_characteristic("root_length", "distance", root, base, shoulder)
             return
@@ -282,13 +282,13 @@ class CrownOnTooth(CrownMargin, Turned):
         key = "finish_line_width"
         width = self.finish_line.width
         if self.finish_line.kind == "shoulder":
-            ledge = describe_plane(2, 0.0)
+            ledge = make_plane_rule(2, 0.0)
             return make_characteristic(
                 key,
                 "distance",
                 width,
                 EdgeRule(outside, ledge),
-                EdgeRule(ledge, self._describe_wall(_TOOTH)),
+                EdgeRule(ledge, self._make_wall_rule(_TOOTH)),
                 label="finish line, width of the shoulder",
                 method=MICROSCOPE,
             )
@@ -300,16 +300,16 @@ class CrownOnTooth(CrownMargin, Turned):
     def _yield_seated_characteristics(self) -> Iterator[Characteristic]:
         """Yield the gaps between the two bodies, the crown seated on its tooth."""
         ceiling = self.seated_crown.inner_roof_height
-        tooth_wall = self._describe_wall(_TOOTH)
+        tooth_wall = self._make_wall_rule(_TOOTH)
         outside = FaceRule("CYLINDER", radius=self.margin_radius.nominal, body=_TOOTH)
-        cavosurface = EdgeRule(outside, self._describe_ledge())
-        end = describe_plane(2, self.opening.nominal, _CROWN)
+        cavosurface = EdgeRule(outside, self._make_ledge_rule())
+        end = make_plane_rule(2, self.opening.nominal, _CROWN)
         yield self._state_marginal_gap(cavosurface, end)
         yield self._state_opening(cavosurface, end)
         # between two cones that are not parallel the gap holds at the upper end of the crown's
-        inner_wall: Rule = self._describe_wall(_CROWN)
+        inner_wall: Rule = self._make_wall_rule(_CROWN)
         if self.finish_line.kind == "feather-edge":
-            inner_wall = EdgeRule(self._describe_wall(_CROWN), describe_plane(2, ceiling, _CROWN))
+            inner_wall = EdgeRule(self._make_wall_rule(_CROWN), make_plane_rule(2, ceiling, _CROWN))
         yield make_characteristic(
             "internal_gap", "distance", self.internal_gap, tooth_wall, inner_wall, method=_SEATED
         )
@@ -318,8 +318,8 @@ class CrownOnTooth(CrownMargin, Turned):
                 "internal_gap_roof",
                 "distance",
                 self.internal_gap,
-                describe_plane(2, self.preparation_height.nominal, _TOOTH),
-                describe_plane(2, ceiling, _CROWN),
+                make_plane_rule(2, self.preparation_height.nominal, _TOOTH),
+                make_plane_rule(2, ceiling, _CROWN),
                 label="internal gap, roof",
                 method=_SEATED,
             )
@@ -328,15 +328,15 @@ class CrownOnTooth(CrownMargin, Turned):
         ).doubled
         yield make_contact_roughness_characteristic(self.face_demands["roughness"])
 
-    def _describe_wall(self, body: int) -> FaceRule:
-        """Describe the axial wall of tooth or crown, halfway up, where no bevel is."""
+    def _make_wall_rule(self, body: int) -> FaceRule:
+        """Make the rule of the axial wall of tooth or crown, halfway up, where no bevel is."""
         middle = 0.5 * self.preparation_height.nominal
         return FaceRule("CONE", holds={2: middle}, body=body)
 
-    def _describe_ledge(self) -> FaceRule:
-        """Describe the face of the tooth inside the finish line."""
+    def _make_ledge_rule(self) -> FaceRule:
+        """Make the rule of the face of the tooth inside the finish line."""
         if self.finish_line.kind == "shoulder":
-            return describe_plane(2, 0.0, _TOOTH)
+            return make_plane_rule(2, 0.0, _TOOTH)
         if self.finish_line.kind == "chamfer":
             return FaceRule("TORUS", body=_TOOTH)
         return FaceRule("CONE", body=_TOOTH)
@@ -347,14 +347,14 @@ class CrownOnTooth(CrownMargin, Turned):
         `end` is the foot of the crown.
         """
         gap = self.marginal_gap
-        foot = describe_plane(2, gap.nominal, _CROWN)
+        foot = make_plane_rule(2, gap.nominal, _CROWN)
         faces: tuple[Rule, Rule]
         if self.finish_line.kind == "shoulder":
-            faces = (self._describe_ledge(), foot)
+            faces = (self._make_ledge_rule(), foot)
         elif self.finish_line.kind == "chamfer":
             faces = (cavosurface, foot)
         else:
-            faces = (self._describe_wall(_TOOTH), EdgeRule(self._describe_wall(_CROWN), end))
+            faces = (self._make_wall_rule(_TOOTH), EdgeRule(self._make_wall_rule(_CROWN), end))
         return make_characteristic("marginal_gap", "distance", gap, *faces, method=_SEATED)
 
     def _state_opening(self, cavosurface: EdgeRule, end: FaceRule) -> Characteristic:
@@ -372,7 +372,7 @@ class CrownOnTooth(CrownMargin, Turned):
             return make_characteristic(key, "distance", opening, cavosurface, end, method=_SEATED)
         # the margin is where the bevel meets the outside
         if finish == "shoulder" and opening.nominal > gap:
-            ledge = describe_plane(2, 0.0, _TOOTH)
+            ledge = make_plane_rule(2, 0.0, _TOOTH)
             outside = FaceRule("CYLINDER", radius=self.outer_radius, body=_CROWN)
             middle = 0.5 * (gap + opening.nominal)
             bevel = FaceRule("CONE", holds={2: middle}, body=_CROWN)
@@ -440,7 +440,7 @@ class CrownOnTooth(CrownMargin, Turned):
         if internal_gap >= 0.5 * radius:
             rule = "be below half of margin_radius"
             yield describe_breach("internal_gap", rule, 0.5 * radius, internal_gap)
-        yield from self._check_crown_wall()
+        yield from self._yield_crown_wall_breaches()
         opening = self.opening.nominal
         if opening < 0.0 and self.finish_line.kind == "feather-edge":
             yield (
@@ -453,7 +453,7 @@ class CrownOnTooth(CrownMargin, Turned):
             rule = "exceed the finish line"
             yield describe_breach("preparation_height", rule, least_height, height)
 
-    def _check_crown_wall(self) -> Iterator[str]:
+    def _yield_crown_wall_breaches(self) -> Iterator[str]:
         """Yield what keeps the crown from having a wall at its margin."""
         rise = self.horizontal_discrepancy.nominal
         gap = self.marginal_gap.nominal

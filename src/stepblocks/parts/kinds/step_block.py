@@ -28,8 +28,8 @@ from stepblocks.parts.characteristics import (
     EdgeRule,
     FaceRule,
     Rule,
-    describe_plane,
     make_characteristic,
+    make_plane_rule,
 )
 from stepblocks.parts.declared import (
     Table,
@@ -423,14 +423,14 @@ class StepBlock(Block):
         radius = self.edge_radius.nominal
         body = self.body
         demands = self.face_demands
-        lower = describe_plane(2, 0.0, x=-0.5 * body.half_length)
+        lower = make_plane_rule(2, 0.0, x=-0.5 * body.half_length)
         second = self.second_step
         end = body.half_length if second is None else second.distance.nominal
-        upper = describe_plane(2, height, x=0.5 * end)
+        upper = make_plane_rule(2, height, x=0.5 * end)
         yield make_characteristic(
             "step_height", "distance", self.height, lower, upper, method=PROFILE
         )
-        edge: Rule = EdgeRule(describe_plane(0, 0.0, z=0.5 * height), upper)
+        edge: Rule = EdgeRule(make_plane_rule(0, 0.0, z=0.5 * height), upper)
         if radius > 0.0:
             edge = FaceRule("CYLINDER", radius=radius, holds={0: 0.5 * radius})
         yield make_characteristic(
@@ -448,7 +448,7 @@ class StepBlock(Block):
             yield from self.relief.make_characteristics(lower)
         wall = None
         if radius < height:
-            wall = describe_plane(0, 0.0, y=-0.25 * body.width.nominal)
+            wall = make_plane_rule(0, 0.0, y=-0.25 * body.width.nominal)
         if second is not None:
             demands_behind = complete_face_demands(self.working_faces, second.height)
             yield from second.make_characteristics(body, demands_behind, upper, height, wall)
@@ -468,9 +468,9 @@ class StepBlock(Block):
         width = side * feature.width.nominal
         middle = near + 0.5 * width
         if kind == "groove":
-            faces = (describe_plane(2, 0.0, x=middle, y=lane), upper)
+            faces = (make_plane_rule(2, 0.0, x=middle, y=lane), upper)
         else:
-            faces = (lower, describe_plane(2, height, x=middle, y=lane))
+            faces = (lower, make_plane_rule(2, height, x=middle, y=lane))
         yield make_characteristic(
             feature.depth_key,
             "distance",
@@ -478,13 +478,13 @@ class StepBlock(Block):
             *faces,
             method="profilometer, ISO 5436-1 A1",
         )
-        near_wall = describe_plane(0, near, y=lane)
-        far_wall = describe_plane(0, near + width, y=lane)
+        near_wall = make_plane_rule(0, near, y=lane)
+        far_wall = make_plane_rule(0, near + width, y=lane)
         yield make_characteristic(
             f"{kind}_width", "distance", feature.width, near_wall, far_wall, method="profilometer"
         )
-        back_side = describe_plane(1, back)
-        end = describe_plane(1, 2.0 * lane - back, x=middle)
+        back_side = make_plane_rule(1, back)
+        end = make_plane_rule(1, 2.0 * lane - back, x=middle)
         yield make_characteristic(
             f"{kind}_length", "distance", feature.lane, back_side, end, method=MICROSCOPE
         )
@@ -493,7 +493,7 @@ class StepBlock(Block):
                 f"{kind}_distance",
                 "distance",
                 feature.distance,
-                describe_plane(0, 0.0, y=-0.5 * back),
+                make_plane_rule(0, 0.0, y=-0.5 * back),
                 near_wall,
                 label=f"{kind} from edge",
                 method="profilometer",
@@ -562,7 +562,7 @@ class StepBlock(Block):
         radius = self.edge_radius.nominal
         chamfer = self.body.edge_break.nominal
         half_thickness = 0.5 * self.body.thickness.nominal
-        yield from _check_least_height("height", height, radius)
+        yield from _yield_least_height_breach("height", height, radius)
         if radius > height:
             yield describe_breach("edge_radius", "not exceed height", height, radius)
         if height >= chamfer and chamfer != 0.0:
@@ -572,18 +572,18 @@ class StepBlock(Block):
             yield describe_breach("height", "be below half the thickness", half_thickness, height)
         yield from self.check_engraving_and_stock()
         if self.relief is not None:
-            yield from self.relief.check(self.body)
+            yield from self.relief.yield_breaches(self.body)
         if self.metrology is not None:
-            yield from self._check_feature(self.metrology)
+            yield from self._yield_feature_breaches(self.metrology)
         if self.second_step is not None:
             second = self.second_step
-            yield from _check_least_height(
+            yield from _yield_least_height_breach(
                 "second_step.height", second.height.nominal, second.edge_radius.nominal
             )
-            yield from second.check(self.body, height)
-            yield from self._check_neighbours_of_second_step()
+            yield from second.yield_breaches(self.body, height)
+            yield from self._yield_breaches_beside_second_step()
 
-    def _check_neighbours_of_second_step(self) -> Iterator[str]:
+    def _yield_breaches_beside_second_step(self) -> Iterator[str]:
         """Yield what a block with a second step cannot have besides."""
         if self.metrology is not None:
             yield (
@@ -596,7 +596,7 @@ class StepBlock(Block):
                 "relieved and inspected so, got one"
             )
 
-    def _check_feature(self, feature: MetrologyFeature) -> Iterator[str]:
+    def _yield_feature_breaches(self, feature: MetrologyFeature) -> Iterator[str]:
         """Yield what keeps groove or ridge from fitting the block."""
         body = self.body
         width = feature.width.nominal
@@ -651,7 +651,7 @@ def _list_rounding_points(height: float, radius: float) -> list[Point]:
     return points
 
 
-def _check_least_height(field: str, height: float, radius: float) -> Iterator[str]:
+def _yield_least_height_breach(field: str, height: float, radius: float) -> Iterator[str]:
     """Yield that a step of an edge radius is lower than what the kernel builds, if it is [m]."""
     least_height = _LEAST_ROUNDED if radius > 0.0 else _LEAST_SHARP
     if height < least_height:

@@ -14,8 +14,8 @@ from stepblocks.parts.characteristics import (
     Characteristic,
     EdgeRule,
     FaceRule,
-    describe_plane,
     make_characteristic,
+    make_plane_rule,
 )
 from stepblocks.parts.declared import (
     Zone,
@@ -215,7 +215,7 @@ class StraightTip(Tip):
             "length",
             "distance",
             self.length,
-            describe_plane(2, self.length.nominal),
+            make_plane_rule(2, self.length.nominal),
             FaceRule("SPHERE", radius=self.ball_radius.nominal),
             label="length from the contact point",
         )
@@ -344,20 +344,20 @@ class HookTip(Tip):
         yield make_characteristic(
             "bend_angle", "angle", self.bend_angle, FaceRule("CONE"), wire, method="microscope"
         )
-        end = self._describe_end()
+        end = self._make_end_rule()
         yield make_characteristic(
             "straight_length", "distance", self.straight_length, end, EdgeRule(ring, wire)
         )
 
-    def _describe_end(self) -> FaceRule:
-        """Describe the end of the shank, which is square to an axis only of a right angle."""
+    def _make_end_rule(self) -> FaceRule:
+        """Make the rule of the end of the shank, square to an axis only of a right angle."""
         angle = self.bend_angle.nominal
         straight = self.straight_length.nominal
         bend_end_x, bend_end_z = self.bend_end
         x = bend_end_x + straight * math.sin(angle)
         z = bend_end_z + straight * math.cos(angle)
         if math.isclose(angle, 0.5 * math.pi):
-            return describe_plane(0, x, z=z)
+            return make_plane_rule(0, x, z=z)
         return FaceRule("SLOPE", holds={0: x, 1: 0.0, 2: z})
 
     @make_rules_validator

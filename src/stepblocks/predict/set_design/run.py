@@ -308,7 +308,7 @@ def _build_set_design(
     spreads = draw_energies(felt, stimuli.prediction, curve.point, curve.backward, curve.model)
     designed = []
     for placed, felt_block, spread in zip(placements, felt, spreads, strict=True):
-        designed.append(_describe_block(placed, felt_block, spread, curve.point))
+        designed.append(_make_designed_block(placed, felt_block, spread, curve.point))
     size = block.dimension
     return SetDesign(
         stimuli=stimuli,
@@ -335,10 +335,10 @@ def _name_block(block: SizedBlock, placed: Placement) -> str:
     return name
 
 
-def _describe_block(
+def _make_designed_block(
     placed: Placement, felt: Felt, spread: Spread, point: OperatingPoint
 ) -> DesignedBlock:
-    """Say what a block gives."""
+    """Return a block of the designed set, with what is felt of it."""
     low, high = np.quantile(spread.all, _TAILS, method="inverted_cdf")
     level = compute_level(felt.energy, point.tool)
     held_share = np.isinf(spread.making).mean()

@@ -30,7 +30,7 @@ def _write_scene(folder: Path, scene: Scene) -> None:
         pieces.append(name)
     engines = {}
     for name, engine in ENGINE_FROM_PART.items():
-        engines[name] = _describe_engine(scene, *engine)
+        engines[name] = _make_engine_fields(scene, *engine)
     content = {
         **scene.parameters(),
         "whole": "block.glb",
@@ -55,12 +55,14 @@ def _write_tooth(folder: Path, scan: Mesh, stations: Sequence[Scene]) -> None:
     (folder / "tooth.glb").write_bytes(picture.export(file_type="glb"))
 
 
-def _describe_engine(scene: Scene, axes: str, unit: float, matrix: Array) -> dict[str, object]:
-    """Describe the axes of an engine, and the triggers in them."""
+def _make_engine_fields(
+    scene: Scene, axes: str, units_per_metre: float, matrix: Array
+) -> dict[str, object]:
+    """Return the axes of an engine, and the triggers in them, as fields of a JSON document."""
     triggers = []
     for event in scene.events:
         position = np.array([event.trigger_position, 0.0, event.trigger_height])
-        position_in_engine = unit * matrix @ position * scene.scale
+        position_in_engine = units_per_metre * matrix @ position * scene.scale
         direction = np.array([float(event.direction), 0.0, 0.0])
         triggers.append(
             {
@@ -71,8 +73,8 @@ def _describe_engine(scene: Scene, axes: str, unit: float, matrix: Array) -> dic
         )
     return {
         "axes": axes,
-        "units_per_metre": unit,
-        "from_part_rows": (unit * matrix).tolist(),
+        "units_per_metre": units_per_metre,
+        "from_part_rows": (units_per_metre * matrix).tolist(),
         "triggers": triggers,
     }
 

@@ -147,9 +147,9 @@ def _draw_estimates(figure: Figure, result: Analysis) -> Table:
     top = float(max(frame["height"].max(), frame["estimate"].max())) * 1e6
     axes.plot([0, top], [0, top], color=_LINE, lw=1, label="true height")
     means = compute_intervals_within(
-        frame.assign(height_um=_convert_heights(frame), estimate_um=1e6 * frame["estimate"])
+        frame.assign(height_um=_list_heights_um(frame), estimate_um=1e6 * frame["estimate"])
     )
-    judgements = (1e6 * frame["estimate"]).groupby([frame["condition"], _convert_heights(frame)])
+    judgements = (1e6 * frame["estimate"]).groupby([frame["condition"], _list_heights_um(frame)])
     means = means.merge(judgements.std().rename("sd_um").reset_index())
     middle = 0.5 * (means["condition"].nunique() - 1)
     for index, (name, condition) in enumerate(means.groupby("condition")):
@@ -208,7 +208,7 @@ def compute_intervals_within(frame: Table) -> Table:
     return table[["condition", "height_um", "mean_um", "half_width_um"]]
 
 
-def _convert_heights(frame: Table) -> pd.Series:
+def _list_heights_um(frame: Table) -> pd.Series:
     """Return the heights of judgements in micrometres."""
     return (1e6 * frame["height"]).rename("height_um")
 
@@ -357,7 +357,7 @@ def _draw_magnitudes(figure: Figure, result: Analysis) -> Table:
     """Draw the geometric means of magnitudes against the height, a line for each participant."""
     axes = figure.subplots()
     frame = result.frame
-    cells = [frame["condition"], frame["participant"], _convert_heights(frame)]
+    cells = [frame["condition"], frame["participant"], _list_heights_um(frame)]
     means: Table = np.exp(np.log(frame["magnitude"]).groupby(cells).mean()).reset_index()
     for index, (name, condition) in enumerate(means.groupby("condition")):
         look = _choose_look(index)

@@ -258,7 +258,7 @@ class _Likelihood:
         predictors = self.compute_products(point).matrix[:-1, :-1]
         return np.asarray(np.linalg.inv(predictors) * np.exp(point[-1]))
 
-    def count_freedom(self, optimum: _Optimum, contrast: Array) -> float:
+    def compute_freedom(self, optimum: _Optimum, contrast: Array) -> float:
         """Return Satterthwaite's degrees of freedom of a contrast of the fixed effects.
 
         Fai, A. H.-T., Cornelius, P. L. (1996), J. Statist. Comput. Simul. 54, 363-378.
@@ -336,7 +336,7 @@ def fit_mixed_model(
     rows = find_mean_rows(model, data, conditions)
     for row in rows if covariate else ():
         row[-1] = 0.0  # at the mean of the covariate, which is the last predictor
-    count = partial(likelihood.count_freedom, optimum)
+    count = partial(likelihood.compute_freedom, optimum)
     variances = likelihood.compute_variances(optimum.point)
     residual = math.exp(0.5 * optimum.point[-1])
     family: tuple[Interval, ...] = ()

@@ -60,7 +60,7 @@ class Cell:
     people: int
 
 
-def describe_cells(measure: Measure) -> Iterator[Cell]:
+def yield_cells(measure: Measure) -> Iterator[Cell]:
     """Yield mean and standard deviation over participants of every condition and block."""
     keys = ["condition"]
     if "stimulus" in measure.frame:
@@ -128,7 +128,7 @@ def _format_value(value: float, measure: Measure) -> str:
 def _tabulate_cells(measure: Measure) -> PaperTable:
     """Lay out M, SD and n of every cell."""
     rows = []
-    for cell in describe_cells(measure):
+    for cell in yield_cells(measure):
         mean = _format_value(cell.mean, measure)
         deviation = _format_value(cell.deviation, measure)
         rows.append((cell.condition, cell.block, mean, deviation, str(cell.people)))

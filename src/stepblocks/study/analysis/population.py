@@ -252,13 +252,13 @@ class Population:
         point = self.best.x
         middle = float(point[place])
         spread = math.exp(point[place + 1])
-        compute_p_value = self._make_profile(index)
+        compute_p_value = self._make_p_value_profile(index)
 
         def excess(value: float) -> float:
             """Return a number that is positive outside the 95 % interval."""
             return math.log(_LIKELY / max(compute_p_value(value), _TINY))
 
-        informants = self._count_participants(point, index)
+        informants = self._estimate_informants(point, index)
         error = spread / math.sqrt(informants.people * informants.share)
         lowest, highest = self._bounds[place]
         low = find_crossing(excess, middle, lowest, -2.5 * error)
@@ -268,7 +268,7 @@ class Population:
             p = compute_p_value(0.0)
         return Estimate(middle, low, high, spread, p, informants.people - 1.0)
 
-    def _make_profile(self, index: int) -> Callable[[float], float]:
+    def _make_p_value_profile(self, index: int) -> Callable[[float], float]:
         """Return a function of the mean along an axis.
 
         It gives the probability of a likelihood ratio as large as the observed one if that is the
@@ -291,13 +291,13 @@ class Population:
                 wider = self.maximise_likelihood(start, place, value)
                 found = min(found, wider, key=lambda fit: fit.fun)
             climbed[value] = found.x
-            informants = self._count_participants(found.x, index)
+            informants = self._estimate_informants(found.x, index)
             ratio = 2.0 * (float(found.fun) - float(self.best.fun))
             return compute_tail_probability(ratio, informants.people, informants.share)
 
         return compute_p_value
 
-    def _count_participants(self, point: Array, index: int) -> _Informants:
+    def _estimate_informants(self, point: Array, index: int) -> _Informants:
         """Return the effective number of participants along an axis, and their share."""
         moments = self._find_moments(point)
         prior_mean, prior_square = moments.prior[index]

@@ -183,7 +183,7 @@ def fit_psychometric(
     >>> 45 < fit.threshold.value < 55
     True
     """
-    counts = _check_counts(levels, hits, totals)
+    counts = _select_tried_levels(levels, hits, totals)
     likelihood = _CurveLikelihood(counts)
     start = _guess_start(likelihood.log_levels, counts)
     best = _maximise_from_starts(likelihood, start)
@@ -246,7 +246,7 @@ def estimate_psychometric(levels: Array, hits: Array, totals: Array) -> CurveEst
     Parameters and errors are its own, but for a spread that the answers leave open, which is here
     the smallest that fits.
     """
-    counts = _check_counts(levels, hits, totals)
+    counts = _select_tried_levels(levels, hits, totals)
     likelihood = _CurveLikelihood(counts)
     best = _maximise_from_starts(likelihood, _guess_start(likelihood.log_levels, counts))
     return CurveEstimate(*(float(value) for value in best.x))
@@ -362,10 +362,10 @@ def compute_weber(log_sigma: float) -> float:
     return math.expm1(min(Z75 * math.exp(min(log_sigma, 20.0)), 700.0))
 
 
-def _check_counts(
+def _select_tried_levels(
     levels: Sequence[float] | Array, hits: Sequence[int] | Array, totals: Sequence[int] | Array
 ) -> _Counts:
-    """Check the answers of a participant; levels without trials are left out."""
+    """Return the answers of a participant at levels with trials; refuse impossible counts."""
     x = np.asarray(levels, dtype=np.float64)
     k = np.asarray(hits, dtype=np.float64)
     n = np.asarray(totals, dtype=np.float64)

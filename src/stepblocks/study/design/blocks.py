@@ -255,9 +255,11 @@ def _choose_point(stimuli: StimulusSet, felt: Mapping[str, float]) -> OperatingP
 
 
 def find_designed_blocks(
-    design: Sequence[Row], where: Declared | None, felt: Mapping[str, float]
+    design: Sequence[Row], source: Declared | None, felt: Mapping[str, float]
 ) -> Blocks:
-    """Find the blocks of a design in a stimulus file; without one they are sharp steps.
+    """Find the blocks of a design in a stimulus file or set; without one they are sharp steps.
+
+    `felt` is that of `choose_blocks`.
 
     Raises
     ------
@@ -265,15 +267,15 @@ def find_designed_blocks(
         If the file lacks a block of the design.
     """
     heights = _list_heights(design)
-    if where is None:
+    if source is None:
         blocks = choose_blocks(sorted(set(heights.values())), felt)
         return replace(blocks, faces={name: Step(height) for name, height in heights.items()})
-    blocks = choose_blocks(where, felt)
+    blocks = choose_blocks(source, felt)
     lacking = sorted(set(heights) - set(blocks.faces))
     if lacking:
         raise StudyError(
             "the blocks of the design must be in the stimulus file, got no "
-            f"{', '.join(lacking)} [{where}]"
+            f"{', '.join(lacking)} [{source}]"
         )
     faces = {}
     for name, face in blocks.faces.items():

@@ -92,11 +92,11 @@ def read_design(path: Path) -> list[dict[str, str]]:
         )
     index_by_trial(rows)
     for row in rows:
-        _check_heights(row)
+        _refuse_missing_heights(row)
     return [dict(row.cells) for row in rows]
 
 
-def _check_heights(row: SheetRow) -> None:
+def _refuse_missing_heights(row: SheetRow) -> None:
     """Reject a block or standard without a height."""
     columns = ["height_um"]
     if row.cells["standard"]:
