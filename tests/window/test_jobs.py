@@ -201,7 +201,7 @@ def test_jobs_of_a_killed_window_are_found_again_with_what_they_did(tmp_path):
     killed, _ = map(int, process.stdout.split())
     os.kill(killed, signal.SIGKILL)
     jobs = JobList(tmp_path / "lab")
-    jobs.find_again()
+    jobs.take_over_killed_jobs()
     try:
         on, lost, done = jobs.latest_first
         assert [job.command.title for job in (done, lost, on)] == ["begin", "killed", "on"]
@@ -212,7 +212,7 @@ def test_jobs_of_a_killed_window_are_found_again_with_what_they_did(tmp_path):
         assert on.state is JobState.RUNNING
         wait_for_step(on)
         other = JobList(tmp_path / "lab")  # a second window on the folder has jobs of its own
-        other.find_again()
+        other.take_over_killed_jobs()
         assert other.latest_first == []
         other.close()
         again = jobs.start(lost.command)
@@ -223,14 +223,14 @@ def test_jobs_of_a_killed_window_are_found_again_with_what_they_did(tmp_path):
     finally:
         jobs.close()
     after = JobList(tmp_path / "lab")
-    after.find_again()
+    after.take_over_killed_jobs()
     assert after.latest_first == []
     after.close()
 
 
 async def look_at_lost(folder, record):
     window = Window(folder)
-    window.jobs.find_again()
+    window.jobs.take_over_killed_jobs()
     (job,) = window.jobs.latest_first
     async with user_simulation(root=window.build) as user:
         await user.open("/work")
@@ -273,7 +273,7 @@ def test_notes_of_jobs_lie_in_the_state_of_the_user_and_never_in_the_folder(tmp_
     record = json.loads((place / "1.json").read_text())
     (place / "1.json").write_text(json.dumps(record | {"begun": 1.0}))
     after = JobList(tmp_path / "lab")
-    after.find_again()
+    after.take_over_killed_jobs()
     (job,) = after.latest_first
     assert job.state is JobState.DONE
     assert "predict" in job.output
@@ -292,7 +292,7 @@ def test_notes_of_a_folder_that_nobody_opened_for_a_quarter_are_forgotten(tmp_pa
             (place,) = (state / "stepblocks" / "window").iterdir()
             os.utime(place, (0.0, 0.0))
     mine = JobList(tmp_path / "mine")
-    mine.find_again()
+    mine.take_over_killed_jobs()
     assert len(mine.latest_first) == 1
     mine.close()
     assert len(list((state / "stepblocks" / "window").iterdir())) == 1

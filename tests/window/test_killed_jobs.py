@@ -292,7 +292,7 @@ def test_a_kill_in_a_job_leaves_whole_files_and_the_next_window_runs_it_again(
         for name, content in left.items():
             assert not is_visible(name) or content == whole[name], name
         jobs = JobList(folder)
-        jobs.find_again()
+        jobs.take_over_killed_jobs()
         try:
             (job,) = jobs.latest_first
             wait_for_end(job)
@@ -314,7 +314,7 @@ def go_on_without_server(servers, folder, words, whole):
     kill([server])
     server.wait(60)
     jobs = JobList(folder)
-    jobs.find_again()
+    jobs.take_over_killed_jobs()
     try:
         (job,) = jobs.latest_first
         wait_for_end(job)
@@ -359,7 +359,7 @@ def test_an_answer_of_a_participant_outlives_a_kill_and_the_run_goes_on_with_the
     kill_with_all(server)
     assert list_files(folder) == saved
     jobs = JobList(folder)
-    jobs.find_again()
+    jobs.take_over_killed_jobs()
     try:
         (job,) = jobs.latest_first
         wait_for_end(job)

@@ -101,10 +101,10 @@ def outline_circle(centre: Point, u: Point, v: Point) -> Outline:
     return [right, (back, left), (front, right)]
 
 
-def extrude(outline: Outline, direction: Point, holes: Sequence[Outline] = ()) -> Body:
-    """Extrude a plane outline."""
+def extrude(outline: Outline, by: Point, holes: Sequence[Outline] = ()) -> Body:
+    """Extrude a plane outline by a vector, which is as long as the body [m]."""
     return cq.Solid.extrudeLinear(
-        _make_wire(outline), [_make_wire(hole) for hole in holes], _make_vector(direction)
+        _make_wire(outline), [_make_wire(hole) for hole in holes], _make_vector(by)
     )
 
 

@@ -161,7 +161,7 @@ class Servo(threading.Thread):
             return "watchdog: the hand did not answer"
         if not is_held:
             self.trusted = True  # it has let go
-        doubt = self._describe_hand_doubt(position)
+        doubt = self._watch_hand(position)
         if doubt:
             return doubt
         is_felt = is_held and self.trusted
@@ -188,8 +188,11 @@ class Servo(threading.Thread):
             self.hand.apply(force)
         return ""
 
-    def _describe_hand_doubt(self, position: Array) -> str:
-        """Say that a hand with motors was lost for too long, or jumped [m]; empty for neither."""
+    def _watch_hand(self, position: Array) -> str:
+        """Note the position of a hand with motors [m].
+
+        Returns that the hand was lost for too long, or jumped; empty for neither.
+        """
         if not self.hand.motors:
             return ""
         if not is_plausible_for_hand(position):

@@ -18,7 +18,7 @@ _ANGLE, _LENGTH = "deg", "um"
 def split_sizes_by_unit(table: Table) -> Table:
     """Give each size [m or rad] a column for lengths and one for angles.
 
-    A row has it in that of its unit, which a column ``unit`` names.
+    A row has it in that of its unit, which a column ``unit`` names. The table itself is changed.
     """
     sizes = [name for name in table if name in _DIGITS]
     has_angle = table["characteristic"].map(is_angle).to_numpy(dtype=bool)

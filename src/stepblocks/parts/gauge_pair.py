@@ -92,7 +92,7 @@ def choose_pair(height: float, grade: str = "0") -> GaugePair:
 
 
 def _make_pair(lower: float, upper: float, grade: str) -> GaugePair:
-    """Add up what the lengths, their variations and the wringing may contribute to the step."""
+    """Make a pair, with what its lengths, their variations and the wringing add to the step."""
     limits = GRADES[grade]
     # half of the variation: the length is stated at the middle, the edge lies beside it
     edge_variation = 0.5 * limits.variation

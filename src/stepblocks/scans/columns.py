@@ -133,7 +133,7 @@ def _choose_by_names(table: NumberTable, candidates: list[int], channel: str | N
     if channel is None:
         heights = _find_beginning_with(names, _Z_NAMES)
     else:
-        heights = _find_channel(names, channel.lower())
+        heights = _find_channel_columns(names, channel.lower())
     if len(heights) != 1:
         raise MetrologyError(
             "channel must be a part of the name of one column, that of the heights, got "
@@ -154,8 +154,8 @@ def _find_beginning_with(names: dict[int, str], beginnings: tuple[str, ...]) -> 
     return [column for column, name in names.items() if name.startswith(beginnings)]
 
 
-def _find_channel(names: dict[int, str], channel: str) -> list[int]:
-    """Find the column of that name, or else all whose names contain it."""
+def _find_channel_columns(names: dict[int, str], channel: str) -> list[int]:
+    """Find the column of that name, or else all whose names contain it, all in lower case."""
     exact = [column for column, name in names.items() if name == channel]
     if exact:
         return exact

@@ -299,6 +299,7 @@ class Draft:
             self._drop_empty_tables(place, path[:-1])
 
     def _find_stanza(self, place: StanzaPlace) -> Any:
+        """Return the table of a stanza, in which its fields can be changed."""
         pieces = [piece for piece in self._pieces if piece.kind == place.kind]
         return pieces[place.number].stanza
 

@@ -70,8 +70,8 @@ class JobNotes:
         self._held: list[Path] = []
         self._place: Path | None = None
 
-    def find_killed_jobs(self) -> list[tuple[JobRecord, Path]]:
-        """Find the notes of windows on the folder that were killed, in the order of their jobs.
+    def claim_killed_jobs(self) -> list[tuple[JobRecord, Path]]:
+        """Lock the notes of windows on the folder that were killed; return them in order of jobs.
 
         Returns
         -------
@@ -91,8 +91,8 @@ class JobNotes:
                 records += _read_records(place)
         return sorted(records, key=lambda found: found[0].noted)
 
-    def get_place(self) -> Path:
-        """Return the folder for the jobs of this window, which is made with the first of them."""
+    def ensure_place(self) -> Path:
+        """Return the folder for the jobs of this window; the first call makes and locks it."""
         if self._place is None:
             self._place = Path(tempfile.mkdtemp(prefix=self._prefix, dir=_make_state_folder()))
             self._held.append(self._place)

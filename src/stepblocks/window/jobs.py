@@ -244,9 +244,9 @@ class JobList:
         """The jobs that are kept."""
         return self._jobs[::-1]
 
-    def find_again(self) -> None:
-        """Find the jobs of windows on this folder that were killed; those that run go on."""
-        for record, output in self._notes.find_killed_jobs():
+    def take_over_killed_jobs(self) -> None:
+        """Take over the jobs of windows on this folder that were killed; those that run go on."""
+        for record, output in self._notes.claim_killed_jobs():
             process = FoundProcess(record, _name_steps(output))
             self._jobs.append(Job(self._next_number, record.command, output, process))
 
@@ -264,7 +264,7 @@ class JobList:
                 texts.TOO_MANY_JOBS.format(most=_MOST_AT_ONCE, count=len(running) + 1)
             )
         number = self._next_number
-        output = self._notes.get_place() / f"{number}.txt"
+        output = self._notes.ensure_place() / f"{number}.txt"
         try:
             process = _start_process(command, self._folder, output)
         except OSError as error:

@@ -158,7 +158,7 @@ def serve_window(window: Window, port: int, announce: Callable[[str], None]) -> 
         token = secrets.token_urlsafe(32)
         logging.getLogger("nicegui").setLevel(logging.ERROR)
         site = make_app(window, port, token)
-        window.jobs.find_again()
+        window.jobs.take_over_killed_jobs()
         config = uvicorn.Config(site, log_level="error", access_log=False, server_header=False)
         announce(f"http://127.0.0.1:{port}/?token={token}")
         try:

@@ -59,12 +59,12 @@ def draw_crown_views(sheet: Sheet, crown: CrownOnTooth) -> UnwrittenNotes:
     return ["Marginal gap, internal gap and discrepancies hold with the crown seated on its tooth."]
 
 
-def _draw_cut_body(sheet: Sheet, view: View, section: list[Point], hatch_angle: float) -> None:
+def _draw_cut_body(sheet: Sheet, view: View, section: list[Point], hatch_degrees: float) -> None:
     """Draw both halves of a half section (radius, height) and hatch them."""
     for side in (1.0, -1.0):
         points = [view.map_to_paper(side * radius, z) for radius, z in section]
         sheet.draw_polyline(points)
-        sheet.draw_hatch(points, hatch_angle)
+        sheet.draw_hatch(points, hatch_degrees)
 
 
 class _Span(NamedTuple):

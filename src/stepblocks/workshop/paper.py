@@ -166,13 +166,13 @@ class Paper:
         """Draw a circle."""
         self.space.add_circle(centre, radius, dxfattribs={"layer": layer.value})
 
-    def draw_hatch(self, points: Sequence[Point], angle: float = 0.0) -> None:
+    def draw_hatch(self, points: Sequence[Point], degrees: float = 0.0) -> None:
         """Hatch the cut area within an outline (ISO 128-50).
 
-        The lines lie at 45 degrees and a further `angle` [deg].
+        The lines lie at 45 degrees, and are turned by further `degrees`.
         """
         area = self.space.add_hatch(dxfattribs={"layer": Layer.DIMENSION.value})
-        area.set_pattern_fill("ANSI31", scale=0.8, angle=angle)
+        area.set_pattern_fill("ANSI31", scale=0.8, angle=degrees)
         area.paths.add_polyline_path(points)
 
     def draw_break_line(self, x: float, low: float, high: float) -> None:
@@ -202,23 +202,23 @@ class Paper:
 
     def write_text(
         self,
-        place: Point,
+        anchor: Point,
         text: str,
         height: float = TEXT_HEIGHT,
         alignment: Alignment = Alignment.LEFT,
     ) -> Text:
-        """Write one line of text; return its entity."""
+        """Write one line of text, aligned to the point `anchor` [mm]; return its entity."""
         attributes = {"layer": Layer.TEXT.value, "style": "LETTERS"}
         entity = self.space.add_text(text, height=height, dxfattribs=attributes)
-        entity.set_placement(place, align=alignment)
+        entity.set_placement(anchor, align=alignment)
         return entity
 
     def write_table(
-        self, corner: Point, rows: Sequence[Sequence[str]], widths: Sequence[float]
+        self, upper_left: Point, rows: Sequence[Sequence[str]], widths: Sequence[float]
     ) -> None:
-        """Draw a table downwards from its upper left corner, its first row the headings."""
+        """Draw a table downwards from a corner, its first row the headings."""
         row_height = 6.0
-        start, upper = corner
+        start, upper = upper_left
         for index, row in enumerate(rows):
             left = start
             top = upper - row_height * index

@@ -188,25 +188,25 @@ class Sheet(Paper):
 
     def write_text(
         self,
-        place: Point,
+        anchor: Point,
         text: str,
         height: float = TEXT_HEIGHT,
         alignment: Alignment = Alignment.LEFT,
     ) -> Text:
-        """Write one line of text; return its entity."""
+        """Write one line of text, aligned to the point `anchor` [mm]; return its entity."""
         if self.in_inches:
             text = _DECIMAL_COMMA.sub(".", text)
-        return super().write_text(place, text, height, alignment)
+        return super().write_text(anchor, text, height, alignment)
 
     def state_characteristic(
         self,
         key: str,
-        place: Point,
+        anchor: Point,
         text: str,
         alignment: Alignment = Alignment.LEFT,
     ) -> None:
-        """Write a text that states a characteristic."""
-        self._mark_characteristic(self.write_text(place, text, alignment=alignment), key)
+        """Write a text that states a characteristic, as `write_text` does."""
+        self._mark_characteristic(self.write_text(anchor, text, alignment=alignment), key)
 
     def _mark_characteristic(self, entity: DXFEntity, key: str) -> None:
         """Note in an entity which characteristic it states, for checks that none is missing."""
@@ -344,12 +344,12 @@ class Sheet(Paper):
             beside = (x - 2.6 * inwards, y - 3.0)
             self.write_text(beside, letter, 3.0, Alignment.MIDDLE_CENTER)
 
-    def draw_edge_state(self, tip: Point, corner: Point, limits: str) -> None:
-        """Draw the symbol of the state of an edge (ISO 13715) with its limits."""
-        x, y = corner
+    def draw_edge_state(self, tip: Point, lower_left: Point, limits: str) -> None:
+        """Draw the symbol of the state of an edge (ISO 13715) with its limits, led to `tip`."""
+        x, y = lower_left
         width = 3.0 + compute_text_width(limits, TEXT_HEIGHT)
-        self.draw_pointer(corner, tip)
-        self.draw_polyline([(x, y + 4.5), corner, (x + width, y)], Layer.FRAME)
+        self.draw_pointer(lower_left, tip)
+        self.draw_polyline([(x, y + 4.5), lower_left, (x + width, y)], Layer.FRAME)
         self.write_text((x + 1.5, y + 2.4), limits, alignment=Alignment.MIDDLE_LEFT)
 
     def draw_leader(self, tip: Point, elbow: Point, text: str) -> None:
@@ -368,13 +368,13 @@ class Sheet(Paper):
         past_text = 5.0 + compute_text_width(text, TEXT_HEIGHT)
         self.draw_balloon(key, (shelf_x + leader.side * past_text, y))
 
-    def draw_tolerance_frame(self, key: str, corner: Point, datum: str = "") -> Point:
-        """Draw a tolerance frame from its lower left corner; return the middle of its left side.
+    def draw_tolerance_frame(self, key: str, lower_left: Point, datum: str = "") -> Point:
+        """Draw a tolerance frame from a corner; return the middle of its left side.
 
         It is made of lines, because viewers do not render the native entity.
         """
         characteristic = self.listed[key].characteristic
-        x, y = corner
+        x, y = lower_left
         height = 6.0
         cell = 7.0
         middle = y + 0.5 * height
@@ -385,14 +385,14 @@ class Sheet(Paper):
         if datum:
             dividers.append(right)
             right += cell
-        self.draw_rectangle(corner, (right, y + height), Layer.FRAME)
+        self.draw_rectangle(lower_left, (right, y + height), Layer.FRAME)
         for divider in dividers:
             self.draw_line((divider, y), (divider, y + height), Layer.FRAME)
         strokes = _SYMBOLS[characteristic.kind]
         if key == "runout":
             strokes = _RUNOUT_SYMBOL
         for stroke in strokes:
-            self.draw_polyline(shift_points(stroke, corner), Layer.FRAME)
+            self.draw_polyline(shift_points(stroke, lower_left), Layer.FRAME)
         zone_place = (x + cell + 0.5 * zone_cell, middle)
         self.state_characteristic(key, zone_place, zone, Alignment.MIDDLE_CENTER)
         if datum:
@@ -407,9 +407,9 @@ class Sheet(Paper):
             return format_largest(zone)
         return use_decimal_comma(format_zone(zone))
 
-    def draw_pointer_to_face(self, face: Point, start: Point) -> None:
-        """Draw a pointer from the left side of a frame straight to a face."""
-        self.draw_pointer(start, (face[0], start[1]), face)
+    def draw_pointer_to_face(self, tip: Point, start: Point) -> None:
+        """Draw a pointer from the left side of a frame along it, then straight to a face."""
+        self.draw_pointer(start, (tip[0], start[1]), tip)
 
     def draw_datum(self, tip: Point, letter: str) -> None:
         """Draw a datum triangle under a face, with its letter in a box below."""
@@ -432,7 +432,10 @@ class Sheet(Paper):
         self.write_text((x, y + 9.0), letter, 3.0, Alignment.MIDDLE_CENTER)
 
     def draw_texture(self, foot: Point, key: str, suffix: str = "") -> None:
-        """Draw the symbol of a machined surface (ISO 21920-1) with its largest Ra [um]."""
+        """Draw the symbol of a machined surface (ISO 21920-1) with its largest Ra [um].
+
+        `foot` is the point of its triangle on the surface.
+        """
         largest = self.listed[key].characteristic.upper
         text = f"{self.format_roughness(largest)}{suffix}"
         end = self._draw_texture_lines(foot, text)
@@ -463,7 +466,7 @@ class Sheet(Paper):
         return end
 
     def write_notes(self, start: Point, notes: Sequence[Note]) -> None:
-        """Write notes downwards from a point, one a line."""
+        """Write notes downwards, one a line; the first begins at `start`."""
         x, y = start
         for index, note in enumerate(notes):
             place = (x, y - _NOTE_SPACING * index)

@@ -42,7 +42,7 @@ def measure_box(faces: Sequence[door.Face]) -> Box:
 def make_callout(
     characteristic: Characteristic,
     number: int,
-    place: int,
+    row_from_below: int,
     box: Box,
     target: door.Face,
 ) -> pmi.Callout:
@@ -54,7 +54,7 @@ def make_callout(
         What it states.
     number : int
         Its number on all papers.
-    place : int
+    row_from_below : int
         Which of the callouts, from below.
     box : Box
         That of the part, beside which the callout stands.
@@ -62,7 +62,7 @@ def make_callout(
         The face to which its leader points.
     """
     text = format_callout(characteristic, number)
-    outlines, leader = draw_callout(text, place, box, target)
+    outlines, leader = draw_callout(text, row_from_below, box, target)
     return pmi.Callout(text.replace("±", "+-"), outlines, leader)  # Part 21 holds ASCII
 
 
@@ -78,7 +78,7 @@ def format_callout(characteristic: Characteristic, number: int) -> str:
 
 
 def draw_callout(
-    text: str, place: int, box: Box, target: door.Face
+    text: str, row_from_below: int, box: Box, target: door.Face
 ) -> tuple[tuple[Outline, ...], Line]:
     """Draw a text in the plane before the front of a part, and a leader to a face.
 
@@ -86,7 +86,7 @@ def draw_callout(
     ----------
     text : str
         What to draw.
-    place : int
+    row_from_below : int
         Which of the callouts it is, from below.
     box : Box
         That of the part.
@@ -103,21 +103,22 @@ def draw_callout(
     size = _TEXT_HEIGHT * float(np.max(box.high - box.low))
     left = float(box.high[0]) + _BESIDE * size
     y = float(box.low[1]) - _BEFORE * size
-    bottom = float(box.low[2]) + (_LINE_SPACING * place + 1.0) * size
-    start = (left, y, bottom)
-    return _draw_text(text, size, start), ((left - size, y, bottom), _find_box_middle(target))
+    middle_z = float(box.low[2]) + (_LINE_SPACING * row_from_below + 1.0) * size
+    left_middle = (left, y, middle_z)
+    leader = ((left - size, y, middle_z), _find_box_middle(target))
+    return _outline_text(text, size, left_middle), leader
 
 
 @lru_cache(maxsize=_MOST_TEXTS)
-def _draw_text(text: str, size: float, start: Point) -> tuple[Outline, ...]:
-    """Draw a text of a height from a point on along x, as closed outlines [m]."""
-    left, y, bottom = start
+def _outline_text(text: str, size: float, left_middle: Point) -> tuple[Outline, ...]:
+    """Outline a text along x, of a height, by the middle of its left end [m]."""
+    left, y, middle_z = left_middle
     middle = left + 0.5 * compute_text_width(text, size)
     outlines = []
     for ring in itertools.chain.from_iterable(outline_centred_text(text, size)):
         outline = np.full((len(ring), 3), y)
         outline[:, 0] = middle + ring[:, 0]
-        outline[:, 2] = bottom + ring[:, 1]
+        outline[:, 2] = middle_z + ring[:, 1]
         outline.flags.writeable = False  # the next part of the set gets the same
         outlines.append(outline)
     return tuple(outlines)

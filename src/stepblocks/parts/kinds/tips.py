@@ -314,13 +314,15 @@ class HookTip(Tip):
         turns = np.linspace(0.0, angle, _BEND_PIECES + 1).tolist()
         pieces = [make_turned_hull(self.outline())]
         for start, end in itertools.pairwise(turns):
-            pieces.append(make_hull([*self._list_section(start), *self._list_section(end)]))
-        near = self._list_section(angle)
-        far = self._list_section(angle, self.straight_length.nominal)
+            pieces.append(
+                make_hull([*self._list_section_points(start), *self._list_section_points(end)])
+            )
+        near = self._list_section_points(angle)
+        far = self._list_section_points(angle, self.straight_length.nominal)
         pieces.append(make_hull([*near, *far]))
         return pieces
 
-    def _list_section(self, turn: float, run: float = 0.0) -> list[Point3]:
+    def _list_section_points(self, turn: float, run: float = 0.0) -> list[Point3]:
         """List points of a section of the wire, after a turn [rad] and a straight run [m]."""
         bend = self.bend_radius.nominal
         top = self.cone_end

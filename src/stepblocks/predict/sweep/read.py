@@ -189,7 +189,10 @@ class _PlanReader:
                 self.spreads[name] = self.shares.pop(name)
 
     def _list_open_parameters(self) -> list[str]:
-        """List the parameters that the plan gives: neither the stimuli nor a law give them."""
+        """List the parameters that the plan gives: neither the stimuli nor a law give them.
+
+        Names that the plan should not have are added to the mistakes.
+        """
         names = PARAMETERS[self.surface]
         taken: set[str] = set()
         if self.stimuli:
