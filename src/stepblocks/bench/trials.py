@@ -98,7 +98,7 @@ class TrialTable:
 
     @property
     def covariates(self) -> tuple[str, ...]:
-        """Columns but that of the trial, as the table names them."""
+        """All columns except that of the trial, as the table names them."""
         return tuple(column for column in self.header if column != self.key)
 
     def __iter__(self) -> Iterator[Trial]:

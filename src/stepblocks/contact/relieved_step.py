@@ -103,7 +103,7 @@ class RelievedStep(Counterface):
         )
 
     def angle_slopes(self, ball_radius: float) -> dict[str, float]:
-        """By differences over a nanometre; zero of what the ball does not touch."""
+        """Slopes by differences over a nanometre; zero for what the ball does not touch."""
         nominal = {**self.dimensions, "ball_radius": ball_radius}
         slopes = {}
         for name, size in nominal.items():

@@ -128,16 +128,16 @@ def _yield_merged_in_table(table: Any) -> Iterator[str]:
     for row in table.iter(f"{_TABLE}table-row"):
         column = 0
         for cell in row:
-            columns = _read_positive_count(cell.attrib, "number-columns-spanned")
-            rows = _read_positive_count(cell.attrib, "number-rows-spanned")
+            columns = _read_repetition_or_span(cell.attrib, "number-columns-spanned")
+            rows = _read_repetition_or_span(cell.attrib, "number-rows-spanned")
             if columns > 1 or rows > 1:
                 first = f"{name_sheet_column(column)}{row_number}"
                 last = f"{name_sheet_column(column + columns - 1)}{row_number + rows - 1}"
                 yield f"{first}:{last}"
-            column += _read_positive_count(cell.attrib, "number-columns-repeated")
-        row_number += _read_positive_count(row.attrib, "number-rows-repeated")
+            column += _read_repetition_or_span(cell.attrib, "number-columns-repeated")
+        row_number += _read_repetition_or_span(row.attrib, "number-rows-repeated")
 
 
-def _read_positive_count(attributes: Mapping[str, str], name: str) -> int:
+def _read_repetition_or_span(attributes: Mapping[str, str], name: str) -> int:
     """Return how often a cell is repeated or how far it spans; 1 where it is not stated."""
     return int(attributes.get(f"{_TABLE}{name}", "1"))

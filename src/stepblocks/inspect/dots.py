@@ -249,7 +249,7 @@ def _measure_depths(dots: _Dots, regions: _Regions, level: Array, rows: Array) -
     numbers = dots.numbers
 
     def subtract_means(heights: Array, inner: Labels) -> Array:
-        """Return the difference of mean heights within and beside dots, shape (dots,) [m]."""
+        """Return by how much mean heights within and beside dots differ, shape (dots,) [m]."""
         of_inner = ndimage.mean(heights, inner, numbers)
         return np.asarray(np.abs(of_inner - ndimage.mean(heights, regions.beside, numbers)))
 

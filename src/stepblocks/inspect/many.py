@@ -230,7 +230,7 @@ def inspect_many(
     for block, values in averages.values.items():
         reports[block] = _merge_reports(inspected.find_results(block), values)
     verdict = combine_verdicts(report.verdict for report in reports.values())
-    blocks = _list_blocks(reports, averages)
+    blocks = _list_block_rows(reports, averages)
     batches: list[MeasuredBatch] = []
     if standard is None:
         batches = measure_batches(reports)
@@ -316,10 +316,10 @@ def _average_block(
     return average_scans(list(readings["measured"]), mean, count, repeatability)
 
 
-def _list_blocks(
+def _list_block_rows(
     reports: Mapping[str, InspectionResult], averages: _Averages
 ) -> list[dict[str, object]]:
-    """Return the lines of the table of blocks, one for each characteristic of each."""
+    """List the rows of the table of blocks, one for each characteristic of each."""
     lines: list[dict[str, object]] = []
     for block, report in reports.items():
         for judgement in report.judged:

@@ -104,8 +104,8 @@ def _hold_against_declaration(
         measured=len(measured),
         reason=reason,
         spring_constant=declared.probe.spring_constant,
-        spring=_check_quantity(Declared.SPRING, declared, measured),
-        load=_check_quantity(Declared.LOAD, declared, measured),
+        spring=_compare_with_session(Declared.SPRING, declared, measured),
+        load=_compare_with_session(Declared.LOAD, declared, measured),
         rate=rate,
         ring_frequency=ring,
         rings_as_usual=ring is not None and lowest <= ring <= highest,
@@ -114,7 +114,7 @@ def _hold_against_declaration(
     )
 
 
-def _check_quantity(
+def _compare_with_session(
     quantity: Declared, declared: Session, measured: Sequence[TrialResult]
 ) -> CalibrationCheck | None:
     """Hold what measured trials show of one quantity against the session; None of too few."""

@@ -130,7 +130,7 @@ def _convert_to_metres(
             raise MetrologyError(
                 f"unit must not be given for {axis}, which carries its own, got {values.units!s}"
             )
-        return _convert_numbers(_convert_quantity(values, axis), axis)
+        return _convert_numbers(_convert_quantity_to_metres(values, axis), axis)
     if units and axis not in units:
         raise MetrologyError(f"unit must say that of {axis}, too, as x=mm,z=um, got none")
     numbers = _convert_numbers(values, axis)
@@ -142,7 +142,7 @@ def _convert_to_metres(
     return units.get(axis, _METRE).to_metres(numbers)
 
 
-def _convert_quantity(values: Any, axis: str) -> Any:
+def _convert_quantity_to_metres(values: Any, axis: str) -> Any:
     """Return the numbers of a quantity of Pint in metres."""
     import pint
 

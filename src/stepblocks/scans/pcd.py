@@ -235,7 +235,7 @@ def unpack_lzf(packed: bytes, size: int, name: str) -> bytes:
                 place += 1
             distance = ((control & 0x1F) << 8 | packed[place]) + 1
             place += 1
-            _copy_back(unpacked, distance, length + _SHORTEST_COPY)
+            _append_earlier_bytes(unpacked, distance, length + _SHORTEST_COPY)
     except IndexError as error:
         raise MetrologyError(f"compressed rows are broken [{name}]") from error
     if len(unpacked) != size:
@@ -245,8 +245,8 @@ def unpack_lzf(packed: bytes, size: int, name: str) -> bytes:
     return bytes(unpacked)
 
 
-def _copy_back(unpacked: bytearray, distance: int, length: int) -> None:
-    """Append bytes that stand so far back; where they overlap the end they repeat."""
+def _append_earlier_bytes(unpacked: bytearray, distance: int, length: int) -> None:
+    """Append bytes that stand a distance before the end; where they overlap it they repeat."""
     start = len(unpacked) - distance
     if start < 0:
         raise IndexError

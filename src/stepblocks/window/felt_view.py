@@ -114,7 +114,7 @@ def _format_mistake(mistake: Mistake) -> str:
 
 
 def _find_part(stimuli: StimulusSet, place: StanzaPlace | None, identity: str) -> Part | None:
-    """Return the first part of a stanza; None without one."""
+    """Return the part of an identity in a stanza, or else its first part; None without one."""
     if place is None:
         return None
     parts = [part for part in stimuli.stimuli if part.stanza == place.kind]

@@ -229,7 +229,7 @@ class TargetAxis:
         self._on_change(self.energies)
 
     def _set_energy(self, number: int, energy: float) -> None:
-        """Move a target to an energy [J], and tell it."""
+        """Move a target to an energy [J], and report all energies to `on_change`."""
         self._energies[number] = energy
         self._place_marks()
         self._on_change(self.energies)

@@ -206,7 +206,7 @@ def _draw_section(sheet: Sheet, body: Body, mounting: Mounting) -> None:
     if mounting.kind == "tapped":
         _label_thread(sheet, section, mounting)
     else:
-        _label_counterbore(sheet, section)
+        _label_counterbored_hole(sheet, section)
 
 
 def _list_tapped_outline(section: _HoleSection) -> list[Point]:
@@ -258,7 +258,7 @@ def _label_thread(sheet: Sheet, section: _HoleSection, mounting: Mounting) -> No
     )
 
 
-def _label_counterbore(sheet: Sheet, section: _HoleSection) -> None:
+def _label_counterbored_hole(sheet: Sheet, section: _HoleSection) -> None:
     """Write the diameters of through hole and counterbore beside the section."""
     hole = sheet.format_drill(2.0 * section.drill / section.magnification)
     entry = sheet.format_drill(2.0 * section.entry / section.magnification)

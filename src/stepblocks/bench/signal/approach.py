@@ -307,20 +307,22 @@ def _fit_sliding_and_ramp(
 
     sliding = _build_sliding_columns(time, clock)
 
-    def build_columns(shape: Array) -> Array:
+    def build_ramp_columns(shape: Array) -> Array:
+        """Return the columns of sliding and a ramp from an onset [s] on; the shape is (onset,)."""
         since = np.maximum(time - float(shape[0]), 0.0)
         return _insert_ramp(sliding, since, clock)
 
     def build_ringing_columns(shape: Array) -> Array:
+        """Return the same and a ring up to the onset; the shape is that, frequency and decay."""
         onset, frequency, decay_time = shape
         since = time - time[0]
         decay = np.where(time < onset, np.exp(-since / decay_time), 0.0)
         ring = decay[:, None] * build_wave_columns(since, float(frequency))
-        return np.hstack([build_columns(shape), ring])
+        return np.hstack([build_ramp_columns(shape), ring])
 
     start = np.array([onset])
     fit = fit_separable(
-        build_columns,
+        build_ramp_columns,
         force,
         start,
         lower=start - 4.0 * reach,

@@ -196,15 +196,15 @@ def _fall_half_cosine(share: Array) -> Array:
     return np.asarray(0.5 * (1.0 + np.cos(np.pi * np.minimum(share, 1.0))))
 
 
-def _fall_parabola(share: Array) -> Array:
-    """Fall from 1 to 0 along a parabola that begins level."""
+def _compute_falling_parabola(share: Array) -> Array:
+    """Return what falls from 1 to 0 along a parabola that begins level, as `share` rises to 1."""
     return np.asarray(1.0 - np.minimum(share, 1.0) ** 2)
 
 
 _FALLS: dict[ReleaseShape, Callable[[Array], Array]] = {
     ReleaseShape.EXPONENTIAL: _fall_exponentially,
     ReleaseShape.HALF_COSINE: _fall_half_cosine,
-    ReleaseShape.PARABOLA: _fall_parabola,
+    ReleaseShape.PARABOLA: _compute_falling_parabola,
 }
 
 

@@ -251,13 +251,13 @@ def make_bore_mm(
     )
 
 
-def repeat_bore(bore: Cylinder, axis: Axis, places: Iterable[float]) -> list[Cylinder]:
+def repeat_bore(bore: Cylinder, axis: Axis, places_mm: Iterable[float]) -> list[Cylinder]:
     """Repeat a bore at several places.
 
-    They differ from `bore` in the coordinate along an axis, which is one of `places` [mm].
+    They differ from `bore` in the coordinate along an axis, which is one of `places_mm`.
     """
     bores = []
-    for place in places:
+    for place in places_mm:
         coordinates = dict(zip(AXES, bore.start, strict=True))
         coordinates[axis] = _MILLIMETRE * place
         start = coordinates["x"], coordinates["y"], coordinates["z"]

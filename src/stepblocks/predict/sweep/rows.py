@@ -335,7 +335,10 @@ def _drag_rows(
     columns: Mapping[str, Column],
     laws: Mapping[str, Any],
 ) -> dict[str, Column]:
-    """Drag every row in time that the equations let slip or lock."""
+    """Drag every row in time that the equations let release or lock; return the columns of that.
+
+    Why a row cannot be dragged is written into the column ``problem`` of `columns`.
+    """
     status = columns["status"].astype(_STATUS_TYPE)
     figures = {}
     for name in _DRAG_FIGURES:

@@ -84,7 +84,7 @@ def _follow_previous_load(
     return state.scaled(friction=factor)
 
 
-def _settle(state: DragState, order: Floats, values: Mapping[str, float]) -> DragState:
+def _let_friction_settle(state: DragState, order: Floats, values: Mapping[str, float]) -> DragState:
     """Let friction begin with an excess that decays over a number of trials."""
     fading = np.exp(-order / values["settling_trials"])
     excess = values["excess"] * fading
@@ -115,7 +115,7 @@ def _make_settling_law(
         name,
         form,
         (excess, duration),
-        _settle,
+        _let_friction_settle,
         covariate=covariate,
         shapes=tuple(shapes),
         description=description,
