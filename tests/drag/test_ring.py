@@ -25,7 +25,7 @@ from stepblocks.drag.ring import (
     measure_ring,
 )
 from stepblocks.drag.run import Drag
-from stepblocks.drag.simulate import DragTrace, _add_asked_place
+from stepblocks.drag.simulate import DragTrace, _judge_by_asked_place
 from stepblocks.drag.track import build_step_track
 from stepblocks.errors import ContactError
 
@@ -193,7 +193,7 @@ def test_of_a_place_that_is_met_twice_the_release_answers_and_not_the_way_past_i
         )
         for status, at, pull in (("run-over", 10e-3, 0.4), ("releases", RELEASE, PEAK))
     )
-    answer = _add_asked_place(replace(trace_of(), events=events), 3, None, None)
+    answer = _judge_by_asked_place(replace(trace_of(), events=events), 3, None, None)
     assert (answer.asked, answer.status, answer.release_time) == (1, Status.RELEASES, RELEASE)
 
 

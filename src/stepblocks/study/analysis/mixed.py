@@ -210,8 +210,8 @@ class _Likelihood:
         return np.asarray(approx_fprime_cs(point, self.compute_loss)).ravel()
 
     @np.errstate(divide="ignore", invalid="ignore", over="ignore")  # beyond the bounds
-    def fit(self, repeated: bool) -> _Optimum:
-        """Maximise the likelihood; `repeated` says whether a response to conditions is fitted.
+    def fit(self, fits_response: bool) -> _Optimum:
+        """Maximise the likelihood; `fits_response` says that of a response to conditions, too.
 
         Raises
         ------
@@ -219,7 +219,7 @@ class _Likelihood:
             If the likelihood has no maximum.
         """
         start = [1.0, -0.5]
-        if repeated:
+        if fits_response:
             start = [1.0, 0.3, -0.5]
         with warnings.catch_warnings(action="ignore", category=linalg.LinAlgWarning):
             # the stubs know no derivative that is a method
@@ -328,8 +328,8 @@ def fit_mixed_model(
     # a response to conditions is only apart from single judgements where these are repeated, and
     # from the participant where one meets several conditions
     several_cells = len(likelihood.sizes) > people
-    repeated = compared and likelihood.sizes.max() > 1 and several_cells
-    optimum = likelihood.fit(repeated)
+    fits_response = compared and likelihood.sizes.max() > 1 and several_cells
+    optimum = likelihood.fit(fits_response)
     effects = LinearEstimate(
         likelihood.estimate_effects(optimum.point), likelihood.compute_covariance(optimum.point)
     )
@@ -367,7 +367,7 @@ def fit_mixed_model(
         sd_condition=response_share * residual * scale,
         sd_residual=residual * scale,
         log_likelihood=log_likelihood,
-        remarks=_describe_zero_variances(variances, repeated),
+        remarks=_describe_zero_variances(variances, fits_response),
         slope=slope,
     )
 
@@ -414,12 +414,12 @@ def _make_likelihood(model: "OLS", data: Table) -> _Likelihood:
     return likelihood
 
 
-def _describe_zero_variances(variances: _Variances, repeated: bool) -> tuple[str, ...]:
+def _describe_zero_variances(variances: _Variances, fits_response: bool) -> tuple[str, ...]:
     """Return a remark for each variance that is estimated as zero."""
     remarks = []
     if variances.person < _NO_VARIANCE:
         remarks.append("The variance between participants is estimated as zero.")
-    if repeated and variances.response < _NO_VARIANCE:
+    if fits_response and variances.response < _NO_VARIANCE:
         remarks.append(
             "The variance of participants' response to the condition is estimated as zero."
         )

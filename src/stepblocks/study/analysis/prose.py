@@ -173,7 +173,7 @@ def _describe_levels(result: StudyResult) -> Iterator[str]:
     for setting in result.comparisons:
         yield from _describe_setting(setting)
     for law in result.power_laws:
-        yield _describe_power_law(law, named=len(result.power_laws) > 1)
+        yield _describe_power_law(law, names_condition=len(result.power_laws) > 1)
 
 
 def _describe_setting(setting: Comparisons) -> Iterator[str]:
@@ -194,9 +194,9 @@ def _describe_setting(setting: Comparisons) -> Iterator[str]:
     )
 
 
-def _describe_power_law(law: PowerLaw, named: bool) -> str:
-    """Describe how magnitudes grow in a condition, which is `named` where there are several."""
-    where = f"with {law.condition}, " if named else ""
+def _describe_power_law(law: PowerLaw, names_condition: bool) -> str:
+    """Describe how magnitudes grow in a condition, which is named where there are several."""
+    where = f"with {law.condition}, " if names_condition else ""
     return (
         f"{where}the perceived magnitude grows with the height to the power of "
         f"{law.exponent:.2g} (95 % {law.low:.2g} to {law.high:.2g})"

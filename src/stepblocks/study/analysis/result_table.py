@@ -136,7 +136,7 @@ def yield_result_rows(analysis: Analysis, findings: Sequence[Finding]) -> RowIte
         yield from _yield_psychometric_functions(setting)
     yield from _yield_contrasts(analysis)
     for law in analysis.power_laws:
-        yield from _yield_power_law(law, named=len(analysis.power_laws) > 1)
+        yield from _yield_power_law(law, names_condition=len(analysis.power_laws) > 1)
     for interval in analysis.exponents:
         difference = _describe_difference(interval)
         yield _make_row(
@@ -484,9 +484,9 @@ def _yield_contrasts(analysis: Analysis) -> RowIterator:
             yield from _yield_equivalence(interval, True, before=before)
 
 
-def _yield_power_law(law: PowerLaw, named: bool) -> RowIterator:
-    """Yield the exponents of one condition, which is `named` where there are several."""
-    where = f"{law.condition}: " if named else ""
+def _yield_power_law(law: PowerLaw, names_condition: bool) -> RowIterator:
+    """Yield the exponents of one condition, which is named where there are several."""
+    where = f"{law.condition}: " if names_condition else ""
     analysis = AnalysisName.POWER_LAW
     yield _make_row(analysis, f"{where}exponent of the height, mean of participants", law.bounds)
     for person, exponent, correlation in law.by_participant:

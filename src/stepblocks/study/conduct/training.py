@@ -373,7 +373,7 @@ def _read_answers(path: Path) -> list[SheetRow]:
     """Read the answers of a training; none where there is no file."""
     if not path.exists():
         return []
-    return read_rows(path, _READ, empty=True)
+    return read_rows(path, _READ, may_be_empty=True)
 
 
 def _replay_answers(staircase: Staircase, answers: Sequence[SheetRow]) -> Iterator[_Answered]:

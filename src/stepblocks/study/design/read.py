@@ -124,7 +124,7 @@ def read_answers(
     columns_of_answers = list_answer_columns(experiment)
     wanted = list(map(named.get_table_name, columns_of_answers))
     names = list(map(named.get_table_name, _NAMES))
-    rows = read_rows(path, wanted, empty=True, names=names, search=search, layout=layout)
+    rows = read_rows(path, wanted, may_be_empty=True, names=names, search=search, layout=layout)
     return [_translate_row(row, columns_of_answers, named) for row in rows]
 
 
@@ -188,7 +188,7 @@ def _holds_judgements(path: Path) -> bool:
 def read_rows(
     path: Path,
     columns: Sequence[str],
-    empty: bool = False,
+    may_be_empty: bool = False,
     names: Collection[str] = _NAMES,
     *,
     search: AnswerSearch | None = None,
@@ -203,8 +203,8 @@ def read_rows(
         Table with a header.
     columns : sequence of str
         That the table must have.
-    empty : bool
-        Whether it may have no rows.
+    may_be_empty : bool
+        Whether it may have no rows; a table without rows is refused otherwise.
     names : collection of str
         Columns of names, in which a person may be called NA.
     search : AnswerSearch, optional
@@ -234,7 +234,7 @@ def read_rows(
         raise StudyError(
             f"columns must include {', '.join(columns)}; got no {', '.join(lacking)} [{path}]"
         )
-    if not table.rows and not empty:
+    if not table.rows and not may_be_empty:
         raise StudyError(f"a table must have rows, got none [{path}]")
     warn_of_notes(table.notes, path)
     cleaned = {}
