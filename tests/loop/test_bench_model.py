@@ -95,6 +95,46 @@ def test_laws_that_share_a_change_are_seen_as_if_each_were_tried_alone(trials):
         assert slopes[0] == pytest.approx(slopes[1], rel=0.02, abs=2e-3 * np.abs(slopes[1]).max())
 
 
+class _ModelWithoutStack:
+    """The same model, of which a search may ask one point at a time alone."""
+
+    def __init__(self, model):
+        self._model = model
+
+    def __getattr__(self, name):
+        if name == "predict_stack":
+            raise AttributeError(name)
+        return getattr(self._model, name)
+
+
+def _compute_jacobians(model, trials, laws):
+    """Return the slopes of a fit with these laws, asked of a model as it is and point by point."""
+    jacobians = []
+    for asked in (model, _ModelWithoutStack(model)):
+        problem = build_problem(asked, trials)
+        objective = Objective(problem, laws)
+        jacobians.append(objective.jacobian(objective.start + 0.3))
+    return jacobians
+
+
+@pytest.mark.parametrize("beside", ["real_release", "added_load_operator"])
+def test_points_that_are_asked_for_together_give_the_slopes_of_each_by_itself(trials, beside):
+    asked = {law.id: law for law in list_candidates(trials, list_covariate_ranges(trials))}
+    laws = [law for law in asked.values() if law.covariate == PEAK_FORCE and law.shape][:2]
+    together, one_by_one = _compute_jacobians(_MODEL, trials, [asked[beside], *laws])
+    # origin: what a trial shows depends on its own state alone
+    assert together == pytest.approx(one_by_one, rel=1e-6, abs=1e-7 * np.abs(one_by_one).max())
+
+
+def test_sessions_that_are_explained_together_have_the_slopes_of_each_by_itself(trials):
+    sessions = np.where(np.arange(len(trials)) % 2, "monday", "friday")
+    covariates = {**trials.covariates, "session": sessions}
+    both = replace(trials, covariates=covariates)
+    own = {"monday": {"normal_zero_n": 0.01}, "friday": {}}
+    together, one_by_one = _compute_jacobians(SessionModel(_TOOL, own=own), both, [])
+    assert together == pytest.approx(one_by_one, rel=1e-6, abs=1e-7 * np.abs(one_by_one).max())
+
+
 def test_what_never_changed_can_explain_nothing(trials):
     constant = trials.covariates | {
         "operator": np.full(len(trials), "A"),

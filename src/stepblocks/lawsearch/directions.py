@@ -8,9 +8,9 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from stepblocks.lawsearch.enlarged_law import EnlargedLaw, predict_ahead
 from stepblocks.lawsearch.forward_model import Floats, Trials
 from stepblocks.lawsearch.law import Law, SizedChange, list_starts
-from stepblocks.lawsearch.objective import differentiate_size
 from stepblocks.lawsearch.problem import Fit, Problem
 
 # length of a unit direction that must remain beside the nominal model: less of it is a derivative
@@ -394,10 +394,10 @@ def _find_sizes(
         neutral = list_starts(law.parameters) | dict(shaped.shape)
         effects = [*base.effects, law]
         values = base.values | law.name_values(neutral)
-        slope, column = differentiate_size(
-            problem, effects, values, apply, base.predicted, slope_key[1]
-        )
-        shared.slopes.setdefault(slope_key, slope)
+        enlarged = EnlargedLaw(law, apply, slope_key[1])
+        _, (ahead,) = predict_ahead(problem, effects, values, {}, [enlarged])
+        column = enlarged.select_followed(0, len(ahead))
+        shared.slopes.setdefault(slope_key, (ahead - base.predicted) / enlarged.step)
         shared.columns[followed] = column
     if size_key not in kept:
         kept[size_key] = _compute_sizes(shaped, column)

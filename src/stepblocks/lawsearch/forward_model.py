@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from stepblocks.errors import PipelineError
-from stepblocks.lawsearch.law import Active, Parameter
+from stepblocks.lawsearch.law import Active, ActiveAtPoints, Parameter
 
 Floats = NDArray[np.float64]
 
@@ -182,3 +182,19 @@ class ForwardModel(Protocol):
         self, trials: "Trials", values: Mapping[str, float], effects: Active = ()
     ) -> Floats:
         """Return the change of all channels per unit of each quantity, shape (n, c, k)."""
+
+
+@runtime_checkable
+class StackingModel(ForwardModel, Protocol):
+    """A forward model that predicts at many points at once, faster than one after the other.
+
+    A search asks such a model for its slopes in one call.
+    """
+
+    def predict_stack(
+        self, trials: "Trials", points: Mapping[str, Floats], effects: ActiveAtPoints = ()
+    ) -> Floats:
+        """Predict all channels at k points, shape (k, n, c).
+
+        `points` holds the k values of each parameter of the nominal model.
+        """

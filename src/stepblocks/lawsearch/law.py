@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 # ``apply(state, covariate, values)`` takes the state of the model, the column that the effect
 # follows, and the values of its parameters by name; it returns the changed state
-Apply = Callable[[Any, Any, Mapping[str, float]], Any]
+Apply = Callable[[Any, Any, Mapping[str, Any]], Any]
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class SizedChange:
     change: Callable[..., object]
     size: Callable[..., NDArray[np.float64]]
 
-    def __call__(self, state: object, covariate: object, values: Mapping[str, float]) -> object:
+    def __call__(self, state: object, covariate: object, values: Mapping[str, Any]) -> object:
         """Change the state by the size that the covariate and the values give."""
         return self.change(state, self.size(covariate, values))
 
@@ -190,6 +190,8 @@ class Law:
 
 
 Active = Sequence[tuple[Law, Mapping[str, float]]]  # effects with the values of their parameters
+# the same at k points: each value is one number for all of them, or an array of shape (k,)
+ActiveAtPoints = Sequence[tuple[Law, Mapping[str, float | NDArray[np.float64]]]]
 
 
 def collect_ids(effects: Iterable[Law]) -> set[str]:

@@ -4,13 +4,13 @@ All parameters are in units of their scales here.
 """
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
+from stepblocks.lawsearch.enlarged_law import enlarge_sized_laws, predict_ahead
 from stepblocks.lawsearch.forward_model import Floats
 from stepblocks.lawsearch.law import Law, Parameter, SizedChange, list_starts
 from stepblocks.lawsearch.problem import Problem
@@ -102,20 +102,23 @@ class Objective:
         of_laws: list[bool] = []
         for law in self.effects:
             of_laws += [isinstance(law.apply, SizedChange)] * len(law.parameters)
-        of_model = [False] * (len(blocks) - len(of_laws))
-        self.sized = np.array(of_model + of_laws)
+        self.constants = len(blocks) - len(of_laws)
+        self.sized = np.array([False] * self.constants + of_laws)
         moved_alone = moves_all & ~self.sized
         met: Counter[str] = Counter()
         earlier_of_block = []
         for block in blocks.tolist():
             earlier_of_block.append(met[block])
             met[block] += 1
+        of_law = np.arange(len(blocks)) >= self.constants
         # shape (p,): number of the difference that shows each parameter
         self.layer = np.where(
             moves_all,
             np.maximum(np.cumsum(moved_alone) - 1, 0),
             moved_alone.sum() + np.array(earlier_of_block),
         )
+        # numbers of the differences that move a law, and not only constants of the model
+        self.layers_of_laws = self.layer[of_law & ~self.sized]
 
     def _prepare_censored_values(self) -> None:
         """Find the floors of the censored values and the standard deviations about them.
@@ -144,6 +147,11 @@ class Objective:
         """Return the values of all parameters by name, in their units."""
         values = (x * self.scale).tolist()
         return dict(zip(self.names, values, strict=True))
+
+    def _name_constants(self, points: Floats) -> dict[str, Floats]:
+        """Return the values of the model's constants at k points, shape (k, p), by their names."""
+        columns = (points * self.scale).T[: self.constants]
+        return dict(zip(self.names[: self.constants], columns, strict=True))
 
     def predict(self, x: Floats) -> Floats:
         """Predict all channels, shape (n, c)."""
@@ -198,34 +206,25 @@ class Objective:
         step = np.where(x + STEP > self.bounds[1], -STEP, STEP)
         shifted = np.tile(x, (self.layer.max() + 1, 1))
         shifted[self.layer, range(len(x))] += np.where(self.sized, 0.0, step)
-        changes = np.stack([self._compute_prediction(row) - base for row in shifted], axis=2)
-        slopes = np.where(self.moved[:, None], changes[:, :, self.layer] / step, 0.0)
-        slopes[:, :, self.sized] = self._differentiate_sized_laws(x, base)
-        return np.asarray(slopes)
-
-    def _differentiate_sized_laws(self, x: Floats, base: Floats) -> Floats:
-        """Find the slopes in the parameters of laws that change each trial by one number.
-
-        Each is the slope in that number times the change of the number with the parameter. The
-        result has the shape (n, c, p'), p' the number of such parameters.
-        """
         values = self.name_values(x)
-        slopes = [np.zeros((*base.shape, 0))]
-        for law in self.effects:
-            if not isinstance(law.apply, SizedChange):
-                continue
-            move = STEP * law.parameters[0].scale
-            slope, followed = differentiate_size(
-                self.problem, self.effects, values, law.apply, base, move
-            )
-            law_values = law.pick_own_values(values)
-            size = law.apply.size(followed, law_values)
-            changes = []
-            for p in law.parameters:
-                moved = {**law_values, p.name: law_values[p.name] + STEP * p.scale}
-                changes.append(law.apply.size(followed, moved) - size)
-            slopes.append(slope[:, :, None] * (np.stack(changes, axis=1) / STEP)[:, None])
-        return np.concatenate(slopes, axis=2)
+        enlarged = enlarge_sized_laws(self.effects, STEP)
+        # a law may only take values that hold for all trials: where one is shifted stands alone
+        stacked = np.setdiff1d(np.arange(len(shifted)), self.layers_of_laws)
+        predicted = np.empty((len(shifted), *base.shape))
+        predicted[stacked], of_laws = predict_ahead(
+            self.problem, self.effects, values, self._name_constants(shifted[stacked]), enlarged
+        )
+        for number in self.layers_of_laws:
+            predicted[number] = self._compute_prediction(shifted[number])
+        changes = np.moveaxis(predicted - base, 0, 2)
+        slopes = np.where(self.moved[:, None], changes[:, :, self.layer] / step, 0.0)
+        of_sized = [np.zeros((*base.shape, 0))]
+        for number, law in enumerate(enlarged):
+            change = of_laws[number] - base
+            point = len(stacked) + number
+            of_sized.append(law.differentiate_prediction(values, change, point, STEP))
+        slopes[:, :, self.sized] = np.concatenate(of_sized, axis=2)
+        return np.asarray(slopes)
 
     def _weigh_censored(self, base: Floats) -> Floats:
         """Find the slope of each censored value's term in its prediction."""
@@ -253,51 +252,3 @@ def _list_parameters(problem: Problem, effects: Sequence[Law]) -> tuple[Paramete
         for p in law.parameters:
             parameters.append(replace(p, name=law.name_in_fit(p.name)))
     return tuple(parameters)
-
-
-def differentiate_size(
-    problem: Problem,
-    effects: Sequence[Law],
-    values: Mapping[str, float],
-    apply: SizedChange,
-    base: Floats,
-    step: float,
-) -> tuple[Floats, NDArray[np.generic]]:
-    """Find the slope of a prediction in the number by which one of the effects changes each trial.
-
-    One difference serves all trials, since a trial shows its own state alone.
-
-    Parameters
-    ----------
-    problem : Problem
-    effects : sequence of Law
-        One of them has `apply`.
-    values : Mapping[str, float]
-    apply : SizedChange
-    base : Floats
-        Shape (n, c), the prediction with these effects and values.
-    step : float
-        Of the difference, in the unit of the number.
-
-    Returns
-    -------
-    slope : Floats
-        Shape (n, c).
-    followed : array
-        Column that the effect follows.
-    """
-    columns: list[NDArray[np.generic]] = []
-
-    def enlarge(column: NDArray[np.generic], law_values: Mapping[str, float]) -> Floats:
-        columns.append(column)
-        return np.asarray(apply.size(column, law_values) + step)
-
-    enlarged = replace(apply, size=enlarge)
-    changed = []
-    for law in effects:
-        if law.apply is apply:
-            changed.append(replace(law, apply=enlarged))
-        else:
-            changed.append(law)
-    ahead = problem.predict(changed, values)
-    return (ahead - base) / step, columns[0]

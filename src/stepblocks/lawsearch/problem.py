@@ -5,8 +5,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stepblocks.lawsearch.forward_model import Floats, ForwardModel, Systematic, Trials
-from stepblocks.lawsearch.law import Active, Law, Parameter, collect_ids
+from stepblocks.lawsearch.forward_model import (
+    Floats,
+    ForwardModel,
+    StackingModel,
+    Systematic,
+    Trials,
+)
+from stepblocks.lawsearch.law import Active, ActiveAtPoints, Law, Parameter, collect_ids
 from stepblocks.lawsearch.noise import Noise, build_noise
 from stepblocks.lawsearch.scatter import (
     Residual,
@@ -137,6 +143,31 @@ class Problem:
         """Predict all channels with effects, shape (n, c)."""
         return self.model.predict(self.trials, values, pair_with_values(effects, values))
 
+    def predict_stack(
+        self, count: int, points: Mapping[str, Floats], effects: ActiveAtPoints
+    ) -> Floats:
+        """Predict all channels at k points, shape (k, n, c).
+
+        A model that stacks is asked once, any other one point after the other.
+
+        Parameters
+        ----------
+        count : int
+            k.
+        points : Mapping[str, Floats]
+            Values of each parameter of the model, shape (k,).
+        effects : sequence of tuple
+            Laws with their values; a value is one number for all points, or has the shape (k,).
+        """
+        if points and isinstance(self.model, StackingModel):
+            return self.model.predict_stack(self.trials, points, effects)
+        predicted = []
+        for number in range(count):
+            values = _pick_point(points, number)
+            active = [(law, _pick_point(of_law, number)) for law, of_law in effects]
+            predicted.append(self.model.predict(self.trials, values, active))
+        return np.stack(predicted)
+
     def compute_residual(self, fitted: Fit) -> Floats:
         """Compute measured less predicted values, shape (n, c); NaN where unseen."""
         return np.where(self.trials.seen, self.trials.values - fitted.predicted, np.nan)
@@ -176,6 +207,14 @@ class Problem:
         responses = self.model.responses(self.trials, fitted.values, fitted.active_effects)
         noise = build_noise(self.trials, systematics, responses, self.noise.scatter)
         return replace(self, noise=noise, common=tuple(common))
+
+
+def _pick_point(values: Mapping[str, float | Floats], number: int) -> dict[str, float]:
+    """Return the values at one of k points; those that are one number hold at all of them."""
+    at_point = {}
+    for name, value in values.items():
+        at_point[name] = float(value[number]) if isinstance(value, np.ndarray) else float(value)
+    return at_point
 
 
 def pair_with_values(effects: Sequence[Law], values: Mapping[str, float]) -> Active:

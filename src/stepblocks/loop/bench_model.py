@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from stepblocks.contact.operating_point import Tool
 from stepblocks.lawsearch.forward_model import Floats, Systematic, Trials
-from stepblocks.lawsearch.law import Active, Law, Parameter
+from stepblocks.lawsearch.law import Active, ActiveAtPoints, Law, Parameter
 from stepblocks.rig import forward
 from stepblocks.rig.effects.gauges import apply_instrument_constants
 from stepblocks.rig.effects.geometry import make_exchange_law
@@ -68,13 +68,27 @@ _SEEN_IN_SCANS = 8.0
 OF_A_DAY = ("friction", "ln_conversion", "ln_ring_frequency", "ln_decay_time")
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=8)
 def _build_cached_design(
     trials: Trials, spring_constant: float, laws: tuple[tuple[str, Any], ...]
 ) -> BenchDesign:
     """Build what was set on the bench, once for each table of trials."""
     known_laws = thaw_laws(laws)
     return forward.build_bench_design(trials.block, trials.covariates, spring_constant, known_laws)
+
+
+@lru_cache(maxsize=8)
+def _repeat_table(trials: Trials, count: int) -> Trials:
+    """Repeat a table several times, one after the other."""
+    return trials.take(np.tile(np.arange(len(trials)), count))
+
+
+def _repeat_values(values: Mapping[str, float | Floats], count: int) -> dict[str, float | Floats]:
+    """Give each of `count` trials at every point the values of that point."""
+    repeated: dict[str, float | Floats] = {}
+    for name, value in values.items():
+        repeated[name] = np.repeat(value, count) if isinstance(value, np.ndarray) else value
+    return repeated
 
 
 def thaw_laws(laws: tuple[tuple[str, Any], ...]) -> dict[str, dict[str, Any]]:
@@ -203,7 +217,7 @@ class SessionModel:
         return errors
 
     def compute_state(
-        self, trials: Trials, values: Mapping[str, float | Floats], effects: Active = ()
+        self, trials: Trials, values: Mapping[str, float | Floats], effects: ActiveAtPoints = ()
     ) -> DragState:
         """Fill all slots, effects applied; of several sessions with the constants of each."""
         constants: dict[str, float | Floats] = {**self.known_gauge_constants}
@@ -252,6 +266,20 @@ class SessionModel:
         """Predict all channels, shape (n, 7)."""
         return compute_channels(self.compute_state(trials, values, effects))
 
+    def predict_stack(
+        self, trials: Trials, points: Mapping[str, Floats], effects: ActiveAtPoints = ()
+    ) -> Floats:
+        """Predict all channels at k points of the constants, shape (k, n, 7).
+
+        The points are trials of one long table, since a trial shows its own state alone.
+        """
+        count = len(next(iter(points.values())))
+        stacked = _repeat_table(trials, count)
+        values = _repeat_values(points, len(trials))
+        active = [(law, _repeat_values(of_law, len(trials))) for law, of_law in effects]
+        predicted = compute_channels(self.compute_state(stacked, values, active))
+        return predicted.reshape(count, len(trials), -1)
+
     def responses(
         self, trials: Trials, values: Mapping[str, float], effects: Active = ()
     ) -> Floats:
@@ -294,10 +322,15 @@ def _spread_daily_values(
     values: Mapping[str, float | Floats], sessions: Sequence[str]
 ) -> dict[str, float | Floats]:
     """Give each trial the constants of the day of its session."""
+    session_names, session_of_trial = np.unique(sessions, return_inverse=True)
+    trial_numbers = np.arange(len(sessions))
     spread: dict[str, float | Floats] = {}
     for name in OF_A_DAY:
-        of_trials = [values[name_in_session(name, session)] for session in sessions]
-        spread[name] = np.array(of_trials)
+        of_sessions = []
+        for session in session_names.tolist():
+            value = values[name_in_session(name, session)]
+            of_sessions.append(np.broadcast_to(value, len(sessions)))
+        spread[name] = np.stack(of_sessions)[session_of_trial, trial_numbers]
     return spread
 
 

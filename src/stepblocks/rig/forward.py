@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from stepblocks.contact.laws import FrictionLaw, build_laws
 from stepblocks.contact.operating_point import PAPER, Tool
 from stepblocks.errors import ContactError, PipelineError
-from stepblocks.lawsearch.law import Active, Law, Parameter
+from stepblocks.lawsearch.law import ActiveAtPoints, Law, Parameter
 from stepblocks.rig.state import DragState, Floats, compute_channels, indent_edge
 
 TOGETHER = " * "  # between the names of two covariates that act together
@@ -221,8 +221,6 @@ def _build_empty_state(count: int) -> DragState:
 
 def build_nominal_state(design: BenchDesign, values: Mapping[str, float | Floats]) -> DragState:
     """Fill the slots from the design and the constants, each one number or one of each trial."""
-    names, inverse = design.block_membership
-    errors = np.array([values.get(name, 0.0) for name in names])
     unity = np.ones(len(design.block))
     sliding, at_release = design.friction_shape
     spring_constant = design.spring_constant
@@ -235,7 +233,7 @@ def build_nominal_state(design: BenchDesign, values: Mapping[str, float | Floats
     damper = 2.0 * spring_constant / (omega**2 * decay_time)
     damper_share = values.get("damper_share", 0.0)
     damper_force = -damper_share * damper * design.speed
-    height = design.height + errors[inverse]
+    height = design.height + _spread_height_errors(design, values)
     radius = design.tip_radius + values.get("edge_radius", 0.0)
     conversion = np.exp(values["ln_conversion"]) * unity
     ramp_stiffness = spring_constant * values["stiffness_ratio"] * unity
@@ -264,8 +262,18 @@ def build_nominal_state(design: BenchDesign, values: Mapping[str, float | Floats
     return indent_edge(state, design.indentation.depth, design.indentation.power)
 
 
+def _spread_height_errors(design: BenchDesign, values: Mapping[str, float | Floats]) -> Floats:
+    """Give each trial the height error of its block [m], shape (n,)."""
+    names, block_of_trial = design.block_membership
+    errors = [values.get(name, 0.0) for name in names]
+    if any(isinstance(error, np.ndarray) for error in errors):
+        of_trials = np.stack(np.broadcast_arrays(*errors))
+        return np.asarray(of_trials[block_of_trial, np.arange(len(block_of_trial))])
+    return np.array(errors)[block_of_trial]
+
+
 def build_extended_state(
-    design: BenchDesign, values: Mapping[str, float | Floats], active: Active = ()
+    design: BenchDesign, values: Mapping[str, float | Floats], active: ActiveAtPoints = ()
 ) -> DragState:
     """Fill the slots from the constants and apply the effects.
 
