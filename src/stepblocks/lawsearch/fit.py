@@ -8,7 +8,7 @@ from scipy.optimize import OptimizeResult, least_squares
 from stepblocks.errors import PipelineError
 from stepblocks.lawsearch.forward_model import Floats, ForwardModel, Trials
 from stepblocks.lawsearch.law import Law, list_starts
-from stepblocks.lawsearch.objective import STEP, Objective
+from stepblocks.lawsearch.objective import STEP, Objective, compute_linear_gain
 from stepblocks.lawsearch.problem import Fit, Problem, build_noise_without_model
 from stepblocks.lawsearch.scatter import TRIALS_PER_SPECIMEN
 
@@ -105,8 +105,7 @@ def _has_room_to_improve(solution: OptimizeResult, bounds: tuple[Floats, Floats]
     low, high = bounds
     way_down = np.where(solution.grad > 0.0, solution.x - low, high - solution.x)
     is_free = way_down > STEP
-    basis, _ = np.linalg.qr(solution.jac[:, is_free])
-    return float(np.sum((basis.T @ solution.fun) ** 2)) > _LEAST_GAIN
+    return compute_linear_gain(solution.jac[:, is_free], solution.fun) > _LEAST_GAIN
 
 
 def fit_without(problem: Problem, current: Fit, effect: Law) -> Fit:

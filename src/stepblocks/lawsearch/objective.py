@@ -238,11 +238,22 @@ class Objective:
         if not np.isfinite(self.rival):
             return
         residual = self.residual(x)
-        gain = float(np.sum((np.linalg.qr(jacobian)[0].T @ residual) ** 2))
+        gain = compute_linear_gain(jacobian, residual)
         lead = float(residual @ residual) - self.rival
         share = self._shares[min(self.steps_taken, len(self._shares)) - 1]
         if is_hopeless(gain, lead, share):
             raise HopelessFitError
+
+
+def compute_linear_gain(jacobian: Floats, residual: Floats) -> float:
+    """Compute by how much a step would lower the cost if the residual were linear.
+
+    Shapes are (m, p) and (m,).
+    """
+    # the triangle of both side by side holds the residual in the basis of the slopes, which itself
+    # is not needed
+    triangle = np.linalg.qr(np.column_stack([jacobian, residual]), mode="r")
+    return float(np.sum(triangle[: jacobian.shape[1], -1] ** 2))
 
 
 def _list_parameters(problem: Problem, effects: Sequence[Law]) -> tuple[Parameter, ...]:
