@@ -197,7 +197,8 @@ def _fit_candidate(problem: Problem, base: Fit, score: Score, rival: float) -> F
             start[name] = score.shape.get(p.name, p.start)
     try:
         found = fit(problem, (*base.effects, effect), start, _EVALUATIONS, rival)
-        if effect.steps:
+        # a change that lies far behind at its likeliest place does not lead from another one
+        if effect.steps and not is_hopeless(0.0, found.cost - rival):
             found = _try_further_places(problem, found, effect)
     except (np.linalg.LinAlgError, ValueError, FloatingPointError, HopelessFitError):
         return None
