@@ -252,7 +252,7 @@ def compute_linear_gain(jacobian: Floats, residual: Floats) -> float:
     """
     # the triangle of both side by side holds the residual in the basis of the slopes, which itself
     # is not needed
-    triangle = np.linalg.qr(np.column_stack([jacobian, residual]), mode="r")
+    triangle = np.asarray(np.linalg.qr(np.column_stack([jacobian, residual]), mode="r"))
     return float(np.sum(triangle[: jacobian.shape[1], -1] ** 2))
 
 

@@ -17,10 +17,10 @@ from stepblocks.parts.characteristics import (
     EdgeRule,
     FaceRule,
     Rule,
+    describe_plane,
     make_characteristic,
     make_edge_break_characteristic,
     make_location_characteristic,
-    make_plane_rule,
 )
 from stepblocks.parts.declared import (
     QuantityValidator,
@@ -389,8 +389,8 @@ class Block(Part):
         """
         mounting = self.body.mounting
         half_length = self.body.half_length
-        left = make_plane_rule(0, -half_length)
-        base = make_plane_rule(2, self.body.base)
+        left = describe_plane(0, -half_length)
+        base = describe_plane(2, self.body.base)
         yield from self._yield_side_characteristics(lower)
         if mounting is not None:
             holes = (self._make_hole_rule(mounting, -0.5), self._make_hole_rule(mounting, 0.5))
@@ -411,13 +411,13 @@ class Block(Part):
     def _yield_side_characteristics(self, lower: FaceRule) -> Iterator[Characteristic]:
         """Yield length, width and thickness; `lower` is the lower working face."""
         body = self.body
-        left = make_plane_rule(0, -body.half_length)
-        right = make_plane_rule(0, body.half_length)
+        left = describe_plane(0, -body.half_length)
+        right = describe_plane(0, body.half_length)
         yield make_characteristic("length", "distance", body.length, left, right)
-        front = make_plane_rule(1, -body.half_width)
-        back = make_plane_rule(1, body.half_width)
+        front = describe_plane(1, -body.half_width)
+        back = describe_plane(1, body.half_width)
         yield make_characteristic("width", "distance", body.width, front, back)
-        base = make_plane_rule(2, body.base)
+        base = describe_plane(2, body.base)
         yield make_characteristic("thickness", "distance", body.thickness, base, lower)
 
     def _make_hole_rule(self, mounting: Mounting, side: float) -> FaceRule:
@@ -431,9 +431,9 @@ class Block(Part):
         chamfer = body.edge_break.nominal
         middle = {0: body.half_length - 0.5 * chamfer, 1: 0.0, 2: body.base + 0.5 * chamfer}
         slope = FaceRule("SLOPE", holds=middle)
-        right = make_plane_rule(0, body.half_length)
+        right = describe_plane(0, body.half_length)
         return make_edge_break_characteristic(
-            body.edge_break, right, EdgeRule(slope, make_plane_rule(2, body.base))
+            body.edge_break, right, EdgeRule(slope, describe_plane(2, body.base))
         )
 
     def _yield_engraving_characteristics(self) -> Iterator[Characteristic]:
@@ -442,12 +442,12 @@ class Block(Part):
         if engraving is None:
             return
         front = -self.body.half_width
-        floor = make_plane_rule(1, front + engraving.depth.nominal)
+        floor = describe_plane(1, front + engraving.depth.nominal)
         yield make_characteristic(
             "engraving_depth",
             "distance",
             engraving.depth,
-            make_plane_rule(1, front),
+            describe_plane(1, front),
             floor,
             method="microscope, focus",
         )
@@ -474,14 +474,14 @@ class Block(Part):
         else:
             label = "depth of the counterbores"
             wall_x = hole_x + 0.5 * mounting.hole_diameter
-            ends = (lower, make_plane_rule(2, -mounting.depth.nominal, x=wall_x))
+            ends = (lower, describe_plane(2, -mounting.depth.nominal, x=wall_x))
         yield make_characteristic(
             "hole_depth", "distance", mounting.depth, *ends, label=label, method=DEPTH_GAUGE
         )
-        left = make_plane_rule(0, -half_length)
+        left = describe_plane(0, -half_length)
         label = "left hole from the left side"
         yield make_location_characteristic("hole_position", label, half_length + hole_x, left, hole)
-        front = make_plane_rule(1, -half_width)
+        front = describe_plane(1, -half_width)
         yield make_location_characteristic(
             "hole_row", "holes from the front", half_width, front, hole
         )
@@ -493,7 +493,7 @@ class Block(Part):
         radius = 0.5 * mounting.hole_diameter
         in_point = base + mounting.depth.nominal + 0.2 * radius
         point = FaceRule("CONE", holds={0: hole_x, 2: in_point})
-        return make_plane_rule(2, base), EdgeRule(hole, point)
+        return describe_plane(2, base), EdgeRule(hole, point)
 
     def _state_thread(self, mounting: Mounting) -> Characteristic:
         """State the thread and its least full depth."""

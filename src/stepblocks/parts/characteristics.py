@@ -166,7 +166,7 @@ def _fits_slope(face: cad.door.Face, rule: FaceRule) -> bool:
     return True
 
 
-def make_plane_rule(axis: int, at: float, body: int | None = None, **holds: float) -> FaceRule:
+def describe_plane(axis: int, at: float, body: int | None = None, **holds: float) -> FaceRule:
     """Make the rule of a plane square to an axis at a coordinate along it [m].
 
     Its face contains the coordinates `x`, `y` and `z` that are given [m].

@@ -10,8 +10,8 @@ from stepblocks.parts.characteristics import (
     MICROSCOPE,
     Characteristic,
     FaceRule,
+    describe_plane,
     make_characteristic,
-    make_plane_rule,
 )
 from stepblocks.parts.declared import Table, declare_default, describe_breach
 from stepblocks.parts.kind import Manifold
@@ -65,8 +65,8 @@ class Relief(Table):
             "relief_width",
             "distance",
             self.width,
-            make_plane_rule(0, -width, z=middle),
-            make_plane_rule(0, 0.0, z=middle),
+            describe_plane(0, -width, z=middle),
+            describe_plane(0, 0.0, z=middle),
             label="width of the relief at the root",
             method=MICROSCOPE,
         )
@@ -74,7 +74,7 @@ class Relief(Table):
             "relief_depth",
             "distance",
             self.depth,
-            make_plane_rule(2, -depth, x=-0.5 * width),
+            describe_plane(2, -depth, x=-0.5 * width),
             lower,
             label="depth of the relief at the root",
             method="profilometer",

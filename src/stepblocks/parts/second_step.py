@@ -15,8 +15,8 @@ from stepblocks.parts.characteristics import (
     EdgeRule,
     FaceRule,
     Rule,
+    describe_plane,
     make_characteristic,
-    make_plane_rule,
 )
 from stepblocks.parts.declared import (
     FaceDemands,
@@ -143,11 +143,11 @@ class SecondStep(Table):
         Characteristic
         """
         x = self.distance.nominal
-        behind = make_plane_rule(2, height + self.rise, x=0.5 * (x + body.half_length))
+        behind = describe_plane(2, height + self.rise, x=0.5 * (x + body.half_length))
         middle = height + 0.5 * self.rise
         wall = None
         if self.edge_radius.nominal < self.height.nominal:
-            wall = make_plane_rule(0, x, z=self._find_riser_middle(height))
+            wall = describe_plane(0, x, z=self._find_riser_middle(height))
         yield make_characteristic(
             "second_step_height",
             "distance",
@@ -176,7 +176,7 @@ class SecondStep(Table):
         """State the radius of its edge at `x`, whose riser has its middle at a height [m]."""
         radius = self.edge_radius.nominal
         high = behind if self.direction == "up" else upper
-        edge: Rule = EdgeRule(make_plane_rule(0, x, z=middle), high)
+        edge: Rule = EdgeRule(describe_plane(0, x, z=middle), high)
         if radius > 0.0:
             side = 0.5 if self.direction == "up" else -0.5
             edge = FaceRule("CYLINDER", radius=radius, holds={0: x + side * radius})
@@ -208,7 +208,7 @@ class SecondStep(Table):
             body.width.nominal - 2.0 * chamfer,
         )
         # the datum A of parallelism is the lower face of the block
-        lower = make_plane_rule(2, 0.0, x=-0.5 * body.half_length)
+        lower = describe_plane(2, 0.0, x=-0.5 * body.half_length)
         for form in make_form_characteristics(demands, lower, behind, "lower face", "second face"):
             if form.key != "flatness_lower":
                 yield replace(form, key=SECOND + form.key, extent=extent)

@@ -8,9 +8,9 @@ from stepblocks.parts.apparatus.solids import AXES, Cylinder
 from stepblocks.parts.characteristics import (
     Characteristic,
     FaceRule,
+    describe_plane,
     make_characteristic,
     make_location_characteristic,
-    make_plane_rule,
 )
 from stepblocks.parts.tolerance import Dimension, find_general_deviation
 
@@ -41,17 +41,17 @@ def _yield_plane_characteristics(component: Component, axis: int) -> Iterator[Ch
     planes = _list_plane_places(component, axis)
     if not _is_among(low, planes):  # round from there: its diameter says it
         return
-    lowest = make_plane_rule(axis, low)
+    lowest = describe_plane(axis, low)
     held = list(_yield_held_places(component, axis))
     name = _OVERALL[axis]
     if _is_among(high, planes) and not _is_among(high, held):
         size = _make_general_dimension(high - low)
-        highest = make_plane_rule(axis, high)
+        highest = describe_plane(axis, high)
         yield make_characteristic(name, "distance", size, lowest, highest, label=f"{name} over all")
     inner = _leave_out(planes, [low, high, *held])
     for number, place in enumerate(inner, start=1):
         label = f"{name}, face {number} from the {_SIDES[axis]}"
-        face = make_plane_rule(axis, place)
+        face = describe_plane(axis, place)
         yield make_location_characteristic(f"{name}_{number}", label, place - low, lowest, face)
 
 
@@ -117,7 +117,7 @@ def _yield_cylinder_characteristics(
         for box in component.boxes:
             sides.append(box.low[axis])
         if _is_among(low, sides) and offset > _LEAST_OFFSET:
-            side = make_plane_rule(axis, low)
+            side = describe_plane(axis, low)
             name = f"{label} from the {_SIDES[axis]}"
             yield make_location_characteristic(f"{key}_{AXES[axis]}", name, offset, side, face)
 

@@ -13,8 +13,8 @@ from stepblocks.parts.characteristics import (
     EdgeRule,
     FaceRule,
     Rule,
+    describe_plane,
     make_characteristic,
-    make_plane_rule,
 )
 from stepblocks.parts.declared import (
     Table,
@@ -238,8 +238,8 @@ class CrownOnTooth(CrownMargin, Turned):
             "shell_thickness",
             "distance",
             self.shell_thickness,
-            make_plane_rule(2, crown.inner_roof_height),
-            make_plane_rule(2, crown.outer_roof_height),
+            describe_plane(2, crown.inner_roof_height),
+            describe_plane(2, crown.outer_roof_height),
             body=_CROWN,
         )
         yield self._state_finish_line(outside)
@@ -249,10 +249,10 @@ class CrownOnTooth(CrownMargin, Turned):
         """Yield the heights of preparation and root, together where no shoulder parts them."""
         root = self.root_length
         height = self.preparation_height
-        top = make_plane_rule(2, height.nominal)
-        base = make_plane_rule(2, -root.nominal)
+        top = describe_plane(2, height.nominal)
+        base = describe_plane(2, -root.nominal)
         if self.finish_line.kind == "shoulder":
-            shoulder = make_plane_rule(2, 0.0)
+            shoulder = describe_plane(2, 0.0)
             yield make_characteristic("preparation_height", "distance", height, shoulder, top)
             yield make_characteristic("root_length", "distance", root, base, shoulder)
             return
@@ -282,7 +282,7 @@ class CrownOnTooth(CrownMargin, Turned):
         key = "finish_line_width"
         width = self.finish_line.width
         if self.finish_line.kind == "shoulder":
-            ledge = make_plane_rule(2, 0.0)
+            ledge = describe_plane(2, 0.0)
             return make_characteristic(
                 key,
                 "distance",
@@ -303,13 +303,13 @@ class CrownOnTooth(CrownMargin, Turned):
         tooth_wall = self._make_wall_rule(_TOOTH)
         outside = FaceRule("CYLINDER", radius=self.margin_radius.nominal, body=_TOOTH)
         cavosurface = EdgeRule(outside, self._make_ledge_rule())
-        end = make_plane_rule(2, self.opening.nominal, _CROWN)
+        end = describe_plane(2, self.opening.nominal, _CROWN)
         yield self._state_marginal_gap(cavosurface, end)
         yield self._state_opening(cavosurface, end)
         # between two cones that are not parallel the gap holds at the upper end of the crown's
         inner_wall: Rule = self._make_wall_rule(_CROWN)
         if self.finish_line.kind == "feather-edge":
-            inner_wall = EdgeRule(self._make_wall_rule(_CROWN), make_plane_rule(2, ceiling, _CROWN))
+            inner_wall = EdgeRule(self._make_wall_rule(_CROWN), describe_plane(2, ceiling, _CROWN))
         yield make_characteristic(
             "internal_gap", "distance", self.internal_gap, tooth_wall, inner_wall, method=_SEATED
         )
@@ -318,8 +318,8 @@ class CrownOnTooth(CrownMargin, Turned):
                 "internal_gap_roof",
                 "distance",
                 self.internal_gap,
-                make_plane_rule(2, self.preparation_height.nominal, _TOOTH),
-                make_plane_rule(2, ceiling, _CROWN),
+                describe_plane(2, self.preparation_height.nominal, _TOOTH),
+                describe_plane(2, ceiling, _CROWN),
                 label="internal gap, roof",
                 method=_SEATED,
             )
@@ -336,7 +336,7 @@ class CrownOnTooth(CrownMargin, Turned):
     def _make_ledge_rule(self) -> FaceRule:
         """Make the rule of the face of the tooth inside the finish line."""
         if self.finish_line.kind == "shoulder":
-            return make_plane_rule(2, 0.0, _TOOTH)
+            return describe_plane(2, 0.0, _TOOTH)
         if self.finish_line.kind == "chamfer":
             return FaceRule("TORUS", body=_TOOTH)
         return FaceRule("CONE", body=_TOOTH)
@@ -347,7 +347,7 @@ class CrownOnTooth(CrownMargin, Turned):
         `end` is the foot of the crown.
         """
         gap = self.marginal_gap
-        foot = make_plane_rule(2, gap.nominal, _CROWN)
+        foot = describe_plane(2, gap.nominal, _CROWN)
         faces: tuple[Rule, Rule]
         if self.finish_line.kind == "shoulder":
             faces = (self._make_ledge_rule(), foot)
@@ -372,7 +372,7 @@ class CrownOnTooth(CrownMargin, Turned):
             return make_characteristic(key, "distance", opening, cavosurface, end, method=_SEATED)
         # the margin is where the bevel meets the outside
         if finish == "shoulder" and opening.nominal > gap:
-            ledge = make_plane_rule(2, 0.0, _TOOTH)
+            ledge = describe_plane(2, 0.0, _TOOTH)
             outside = FaceRule("CYLINDER", radius=self.outer_radius, body=_CROWN)
             middle = 0.5 * (gap + opening.nominal)
             bevel = FaceRule("CONE", holds={2: middle}, body=_CROWN)

@@ -19,8 +19,8 @@ from stepblocks.parts.characteristics import (
     Characteristic,
     EdgeRule,
     FaceRule,
+    describe_plane,
     make_characteristic,
-    make_plane_rule,
 )
 from stepblocks.parts.declared import (
     WorkingFaces,
@@ -190,11 +190,11 @@ class MarginBlock(CrownMargin, Block):
         rise = self.horizontal_discrepancy
         depth = self.gap_depth
         half_length = self.body.half_length
-        tooth = make_plane_rule(2, 0.0, x=-0.5 * half_length)
-        crown = make_plane_rule(2, rise.nominal, x=0.5 * half_length)
+        tooth = describe_plane(2, 0.0, x=-0.5 * half_length)
+        crown = describe_plane(2, rise.nominal, x=0.5 * half_length)
         halfway_down = -0.5 * depth.nominal
-        wall = make_plane_rule(0, 0.0, z=halfway_down)
-        crown_wall = make_plane_rule(0, gap.nominal, z=halfway_down)
+        wall = describe_plane(0, 0.0, z=halfway_down)
+        crown_wall = describe_plane(0, gap.nominal, z=halfway_down)
         yield make_characteristic("marginal_gap", "distance", gap, wall, crown_wall, method=ACROSS)
         yield make_characteristic(
             "horizontal_discrepancy", "distance", rise, tooth, crown, method=PROFILE
@@ -205,7 +205,7 @@ class MarginBlock(CrownMargin, Block):
             "gap_depth",
             "distance",
             depth,
-            make_plane_rule(2, -depth.nominal, x=0.5 * gap.nominal),
+            describe_plane(2, -depth.nominal, x=0.5 * gap.nominal),
             tooth,
             label="depth of the gap",
             method="microscope",
@@ -223,17 +223,17 @@ class MarginBlock(CrownMargin, Block):
         if opening.nominal > gap:
             yield from self._yield_bevel_characteristics(wall, crown)
         elif opening.nominal < 0.0:
-            end = make_plane_rule(0, opening.nominal, z=0.5 * (gap + self.rise))
+            end = describe_plane(0, opening.nominal, z=0.5 * (gap + self.rise))
             label = "vertical discrepancy, lip over the tooth"
             yield make_characteristic(
                 key, "distance", opening, wall, end, label=label, method=ACROSS
             ).mirrored_to_positive
-            under_lip = make_plane_rule(2, gap, x=0.5 * opening.nominal)
+            under_lip = describe_plane(2, gap, x=0.5 * opening.nominal)
             yield make_characteristic(
                 "lip_gap",
                 "distance",
                 self.marginal_gap,
-                make_plane_rule(2, 0.0, x=-0.5 * self.body.half_length),
+                describe_plane(2, 0.0, x=-0.5 * self.body.half_length),
                 under_lip,
                 label="gap under the lip, over the tooth",
                 method=ACROSS,

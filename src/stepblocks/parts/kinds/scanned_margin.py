@@ -17,7 +17,7 @@ from stepblocks.errors import QuantityError, StimulusError
 from stepblocks.files.atomic import resolve_inside
 from stepblocks.files.confined import read_confined
 from stepblocks.parts import margin_line
-from stepblocks.parts.characteristics import Characteristic, make_characteristic, make_plane_rule
+from stepblocks.parts.characteristics import Characteristic, describe_plane, make_characteristic
 from stepblocks.parts.declared import (
     Table,
     WorkedOut,
@@ -249,8 +249,8 @@ class ScannedMargin(CrownMargin):
     def characteristics(self) -> Iterator[Characteristic]:
         gap = self.marginal_gap
         halfway_down = -0.5 * self.gap_depth.nominal
-        tooth_wall = make_plane_rule(0, 0.0, z=halfway_down)
-        crown_wall = make_plane_rule(0, gap.nominal, z=halfway_down)
+        tooth_wall = describe_plane(0, 0.0, z=halfway_down)
+        crown_wall = describe_plane(0, gap.nominal, z=halfway_down)
         yield make_characteristic(
             "marginal_gap", "distance", gap, tooth_wall, crown_wall, method=ACROSS
         )
@@ -259,8 +259,8 @@ class ScannedMargin(CrownMargin):
             if dimension is not None:
                 yield make_characteristic(name, "note", dimension, method=ACROSS)
         for axis, (name, side) in enumerate((("length", self.length), ("width", self.width))):
-            low = make_plane_rule(axis, -0.5 * side.nominal)
-            high = make_plane_rule(axis, 0.5 * side.nominal)
+            low = describe_plane(axis, -0.5 * side.nominal)
+            high = describe_plane(axis, 0.5 * side.nominal)
             yield make_characteristic(name, "distance", side, low, high)
         yield make_contact_roughness_characteristic(self.face_demands["roughness"])
 

@@ -10,9 +10,9 @@ from stepblocks.parts.characteristics import (
     Characteristic,
     EdgeRule,
     FaceRule,
+    describe_plane,
     make_characteristic,
     make_edge_break_characteristic,
-    make_plane_rule,
 )
 from stepblocks.parts.declared import (
     Sourced,
@@ -184,8 +184,8 @@ class Sheath(Turned, HeldPart):
         return FITTING_DEFLECTION
 
     def characteristics(self) -> Iterator[Characteristic]:
-        near_end = make_plane_rule(2, 0.0)
-        far_end = make_plane_rule(2, self.length.nominal)
+        near_end = describe_plane(2, 0.0)
+        far_end = describe_plane(2, self.length.nominal)
         inside = FaceRule("CYLINDER", radius=0.5 * self.bore.nominal)
         outside = FaceRule("CYLINDER", radius=0.5 * self.outer_diameter.nominal)
         yield make_characteristic("bore", "diameter", self.bore, inside, method="pin gauges")

@@ -28,8 +28,8 @@ from stepblocks.parts.characteristics import (
     EdgeRule,
     FaceRule,
     Rule,
+    describe_plane,
     make_characteristic,
-    make_plane_rule,
 )
 from stepblocks.parts.declared import (
     Table,
@@ -423,14 +423,14 @@ class StepBlock(Block):
         radius = self.edge_radius.nominal
         body = self.body
         demands = self.face_demands
-        lower = make_plane_rule(2, 0.0, x=-0.5 * body.half_length)
+        lower = describe_plane(2, 0.0, x=-0.5 * body.half_length)
         second = self.second_step
         end = body.half_length if second is None else second.distance.nominal
-        upper = make_plane_rule(2, height, x=0.5 * end)
+        upper = describe_plane(2, height, x=0.5 * end)
         yield make_characteristic(
             "step_height", "distance", self.height, lower, upper, method=PROFILE
         )
-        edge: Rule = EdgeRule(make_plane_rule(0, 0.0, z=0.5 * height), upper)
+        edge: Rule = EdgeRule(describe_plane(0, 0.0, z=0.5 * height), upper)
         if radius > 0.0:
             edge = FaceRule("CYLINDER", radius=radius, holds={0: 0.5 * radius})
         yield make_characteristic(
@@ -448,7 +448,7 @@ class StepBlock(Block):
             yield from self.relief.make_characteristics(lower)
         wall = None
         if radius < height:
-            wall = make_plane_rule(0, 0.0, y=-0.25 * body.width.nominal)
+            wall = describe_plane(0, 0.0, y=-0.25 * body.width.nominal)
         if second is not None:
             demands_behind = complete_face_demands(self.working_faces, second.height)
             yield from second.make_characteristics(body, demands_behind, upper, height, wall)
@@ -468,9 +468,9 @@ class StepBlock(Block):
         width = side * feature.width.nominal
         middle = near + 0.5 * width
         if kind == "groove":
-            faces = (make_plane_rule(2, 0.0, x=middle, y=lane), upper)
+            faces = (describe_plane(2, 0.0, x=middle, y=lane), upper)
         else:
-            faces = (lower, make_plane_rule(2, height, x=middle, y=lane))
+            faces = (lower, describe_plane(2, height, x=middle, y=lane))
         yield make_characteristic(
             feature.depth_key,
             "distance",
@@ -478,13 +478,13 @@ class StepBlock(Block):
             *faces,
             method="profilometer, ISO 5436-1 A1",
         )
-        near_wall = make_plane_rule(0, near, y=lane)
-        far_wall = make_plane_rule(0, near + width, y=lane)
+        near_wall = describe_plane(0, near, y=lane)
+        far_wall = describe_plane(0, near + width, y=lane)
         yield make_characteristic(
             f"{kind}_width", "distance", feature.width, near_wall, far_wall, method="profilometer"
         )
-        back_side = make_plane_rule(1, back)
-        end = make_plane_rule(1, 2.0 * lane - back, x=middle)
+        back_side = describe_plane(1, back)
+        end = describe_plane(1, 2.0 * lane - back, x=middle)
         yield make_characteristic(
             f"{kind}_length", "distance", feature.lane, back_side, end, method=MICROSCOPE
         )
@@ -493,7 +493,7 @@ class StepBlock(Block):
                 f"{kind}_distance",
                 "distance",
                 feature.distance,
-                make_plane_rule(0, 0.0, y=-0.5 * back),
+                describe_plane(0, 0.0, y=-0.5 * back),
                 near_wall,
                 label=f"{kind} from edge",
                 method="profilometer",

@@ -14,8 +14,8 @@ from stepblocks.parts.characteristics import (
     Characteristic,
     EdgeRule,
     FaceRule,
+    describe_plane,
     make_characteristic,
-    make_plane_rule,
 )
 from stepblocks.parts.declared import (
     Zone,
@@ -215,7 +215,7 @@ class StraightTip(Tip):
             "length",
             "distance",
             self.length,
-            make_plane_rule(2, self.length.nominal),
+            describe_plane(2, self.length.nominal),
             FaceRule("SPHERE", radius=self.ball_radius.nominal),
             label="length from the contact point",
         )
@@ -359,7 +359,7 @@ class HookTip(Tip):
         x = bend_end_x + straight * math.sin(angle)
         z = bend_end_z + straight * math.cos(angle)
         if math.isclose(angle, 0.5 * math.pi):
-            return make_plane_rule(0, x, z=z)
+            return describe_plane(0, x, z=z)
         return FaceRule("SLOPE", holds={0: x, 1: 0.0, 2: z})
 
     @make_rules_validator
