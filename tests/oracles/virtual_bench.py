@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -26,6 +26,7 @@ Floats = NDArray[np.float64]
 RATE = 10e3  # samples per second [Hz]
 _FINE = 20  # steps of the integration per sample
 _TAIL = 0.11  # [s] recorded after the release
+_STEEPEST = math.radians(88.5)  # slope and angle of friction together, from which the tip locks
 _COUNTS = (
     "release_s",
     "peak_n",
@@ -35,10 +36,7 @@ _COUNTS = (
     "slips_back",
     "fastest_m_s",
     "fall_s",
-)
-# when the tip leaves the corner, and the force of the spring then
-_COUNTS = (
-    *_COUNTS,
+    # when the tip leaves the corner, and the force of the spring then
     "left_s",
     "left_n",
 )
@@ -85,152 +83,319 @@ class Bench:
     unloaded: float = 0.0  # recorded before the tip is set down [s]
 
 
+class _Tool(NamedTuple):
+    """A point mass on a spring F = k s + k3 s^3 with a viscous damper."""
+
+    stiffness: float  # k [N/m]
+    hardening: float  # k3 [N/m^3]
+    mass: float  # [kg]
+    damping: float  # [N s/m]
+
+
+class _Contact(NamedTuple):
+    """Path of the ball's centre, and friction along it; the upper face begins at x = 0."""
+
+    radius: float  # of the path's arc, tip and edge together [m]
+    height: float  # of the step [m]
+    arc: float  # slope at the foot of the arc [rad]
+    begin: float  # x of the foot of the arc [m]
+    friction: float
+    static_ratio: float
+    stribeck_speed: float  # [m/s]
+    ageing: float
+    edge_ratio: float  # friction on the arc over that on the faces
+    restitution: float
+
+
+class _Drive(NamedTuple):
+    """What is set: load, speed of the handle, and step of the integration."""
+
+    load: float  # [N]
+    speed: float  # [m/s]
+    dt: float  # [s]
+
+
+# what the tip does
+_SLIDES, _STICKS, _WAITS, _FLIES = 0.0, 1.0, 2.0, 3.0
+# places in the state of the motion
+(
+    _X,  # of the tip [m]
+    _Y,  # height of a tip that flies [m]
+    _ALONG,  # speed along the path [m/s]
+    _VX,  # velocity of a tip that flies [m/s]
+    _VY,
+    _HANDLE,  # place of the handle [m]
+    _REST,  # how long the tip has stuck [s]
+    _MODE,
+) = range(8)
+# places in the figures of `_COUNTS`
+(
+    _RELEASE,
+    _PEAK,
+    _TROUGH,
+    _FLIGHT,
+    _STUCK_BEFORE,
+    _SLIPPED_BACK,
+    _FASTEST,
+    _FALL,
+    _LEFT,
+    _LEFT_FORCE,
+) = range(10)
+_FIRST_REST = 1e-3  # from which static friction ages [s]
+_LEAST_BOUNCE = 2e-3  # speed across the path below which a landed tip slides on [m/s]
+_NUDGE = 1e-9  # speed with which a tip breaks loose [m/s]
+_BESIDE = 1e-12  # by which it then stands beside the corner [m]
+
+
+@njit(cache=True)
+def _find_path_height(contact: _Contact, x: float) -> float:
+    """Height of the path at x [m]."""
+    if x <= contact.begin:
+        return 0.0
+    if x >= 0.0:
+        return contact.height
+    return contact.height - contact.radius + math.sqrt(contact.radius * contact.radius - x * x)
+
+
+@njit(cache=True)
+def _find_slope(contact: _Contact, x: float) -> tuple[float, float, float, float]:
+    """Sine and cosine of the slope at x, the curvature [1/m], and kinetic friction there."""
+    if contact.begin < x < 0.0:
+        sine = -x / contact.radius
+        cosine = math.sqrt(1.0 - sine * sine)
+        return sine, cosine, -1.0 / contact.radius, contact.friction * contact.edge_ratio
+    return 0.0, 1.0, 0.0, contact.friction
+
+
+@njit(cache=True)
+def _begin_motion(
+    tool: _Tool, contact: _Contact, drive: _Drive, lead: float, is_unloaded: bool
+) -> Floats:
+    """State with which a drag begins: at rest and unloaded, or sliding since long ago."""
+    state = np.zeros(8)
+    state[_X] = contact.begin - lead * drive.speed
+    level = 0.0 if is_unloaded else contact.friction * drive.load
+    stretch = level / tool.stiffness
+    if tool.hardening > 0.0:
+        for _ in range(20):
+            force = tool.stiffness * stretch + tool.hardening * stretch**3
+            slope = tool.stiffness + 3.0 * tool.hardening * stretch * stretch
+            stretch -= (force - level) / slope
+    state[_HANDLE] = state[_X] + stretch
+    state[_MODE] = _SLIDES
+    state[_ALONG] = drive.speed
+    if is_unloaded:
+        state[_MODE] = _STICKS
+        state[_ALONG] = 0.0
+    return state
+
+
+@njit(cache=True)
+def _fly(tool: _Tool, drive: _Drive, state: Floats, told: Floats, spring: float) -> None:
+    """Move a tip that is off its path by one step."""
+    force = spring + tool.damping * (drive.speed - state[_VX])
+    state[_VX] += drive.dt * force / tool.mass
+    state[_VY] -= drive.dt * drive.load / tool.mass
+    state[_X] += drive.dt * state[_VX]
+    state[_Y] += drive.dt * state[_VY]
+    told[_FLIGHT] += drive.dt
+
+
+@njit(cache=True)
+def _land(
+    tool: _Tool, contact: _Contact, state: Floats, sine: float, cosine: float, kinetic: float
+) -> float:
+    """Let a tip that meets its path bounce or slide on; the vertical impulse [N s]."""
+    across = state[_VY] * cosine - state[_VX] * sine
+    along = state[_VX] * cosine + state[_VY] * sine
+    state[_Y] = _find_path_height(contact, state[_X])
+    if not across < 0.0:
+        return 0.0
+    blow = (1.0 + contact.restitution) * -across
+    lost = min(kinetic * blow, abs(along))
+    along -= math.copysign(lost, along)
+    across *= -contact.restitution
+    if across > _LEAST_BOUNCE:
+        state[_VX] = along * cosine - across * sine
+        state[_VY] = along * sine + across * cosine
+    else:
+        state[_ALONG] = along
+        state[_MODE] = _SLIDES
+    return tool.mass * blow * cosine
+
+
+@njit(cache=True)
+def _leave_path(contact: _Contact, state: Floats, sine: float, cosine: float) -> None:
+    """Let a tip that slides take off."""
+    state[_MODE] = _FLIES
+    state[_VX] = state[_ALONG] * cosine
+    state[_VY] = state[_ALONG] * sine
+    state[_Y] = _find_path_height(contact, state[_X])
+
+
+@njit(cache=True)
+def _slide(
+    tool: _Tool,
+    contact: _Contact,
+    drive: _Drive,
+    state: Floats,
+    told: Floats,
+    spring: float,
+    landed: float,
+) -> float:
+    """Move a tip that slides by one step; the vertical impulse [N s].
+
+    That is the one of its landing, `landed`, where it takes off at once.
+    """
+    sine, cosine, bend, kinetic = _find_slope(contact, state[_X])
+    along = state[_ALONG]
+    force = spring + tool.damping * (drive.speed - along * cosine)
+    press = drive.load * cosine + force * sine + tool.mass * along * along * bend
+    if press <= 0.0:
+        _leave_path(contact, state, sine, cosine)
+        return landed
+    stribeck = (contact.static_ratio - 1.0) * math.exp(-abs(along) / contact.stribeck_speed)
+    grip = kinetic * (1.0 + stribeck) * press
+    pull = force * cosine - drive.load * sine
+    moved = along + drive.dt * (pull - math.copysign(grip, along)) / tool.mass
+    has_left = told[_LEFT] > 0.0
+    if along != 0.0 and moved * along <= 0.0:
+        if abs(pull) <= kinetic * contact.static_ratio * press:
+            moved = 0.0
+            state[_MODE] = _STICKS
+            state[_REST] = 0.0
+        elif moved < 0.0 and has_left:
+            told[_SLIPPED_BACK] += 1.0
+    before = state[_X]
+    state[_ALONG] = moved
+    state[_X] += drive.dt * moved * cosine
+    if has_left:
+        told[_FASTEST] = max(told[_FASTEST], abs(moved))
+    direction = moved if moved != 0.0 else 1.0
+    _meet_corner(contact, state, before)
+    return drive.dt * (press * cosine - math.copysign(grip, direction) * sine)
+
+
+@njit(cache=True)
+def _meet_corner(contact: _Contact, state: Floats, before: float) -> None:
+    """Stop a tip that reaches the corner from the floor, or slow one that slides down into it."""
+    if before < contact.begin <= state[_X]:
+        state[_X] = contact.begin
+        state[_ALONG] = 0.0
+        state[_MODE] = _WAITS
+    elif before > contact.begin >= state[_X]:
+        state[_ALONG] *= math.cos(contact.arc)
+
+
+@njit(cache=True)
+def _stick(
+    tool: _Tool, contact: _Contact, drive: _Drive, state: Floats, told: Floats, spring: float
+) -> None:
+    """Hold a tip that sticks, or let it break loose."""
+    sine, cosine, _, kinetic = _find_slope(contact, state[_X])
+    force = spring + tool.damping * drive.speed
+    state[_REST] += drive.dt
+    press = drive.load * cosine + force * sine
+    pull = force * cosine - drive.load * sine
+    aged = 0.0
+    if contact.ageing > 0.0:
+        aged = contact.ageing * math.log(1.0 + state[_REST] / _FIRST_REST)
+    if not abs(pull) > kinetic * (contact.static_ratio + aged) * press:
+        return
+    state[_MODE] = _SLIDES
+    state[_ALONG] = math.copysign(_NUDGE, pull)
+    if told[_LEFT] == 0.0:
+        told[_STUCK_BEFORE] += 1.0
+    if told[_LEFT] > 0.0 and pull < 0.0:
+        told[_SLIPPED_BACK] += 1.0
+
+
+@njit(cache=True)
+def _wait(
+    tool: _Tool,
+    contact: _Contact,
+    drive: _Drive,
+    state: Floats,
+    told: Floats,
+    spring: float,
+    now: float,
+) -> None:
+    """Hold a tip in the corner, or let it break loose up the edge or back."""
+    force = spring + tool.damping * drive.speed
+    friction = math.atan(contact.friction * contact.edge_ratio * contact.static_ratio)
+    if force >= drive.load * math.tan(contact.arc + friction):
+        state[_MODE] = _SLIDES
+        state[_ALONG] = _NUDGE
+        state[_X] = contact.begin + _BESIDE
+        if told[_LEFT] == 0.0:
+            told[_LEFT] = now
+            told[_LEFT_FORCE] = spring
+    elif force < -contact.friction * contact.static_ratio * drive.load:
+        state[_MODE] = _SLIDES
+        state[_ALONG] = -_NUDGE
+        state[_X] = contact.begin - _BESIDE
+
+
+@njit(cache=True)
+def _tell(told: Floats, spring: float, now: float, level: float, swing: float) -> None:
+    """Follow the figures of a tip that has left the corner.
+
+    `level` is the sliding force [N], `swing` the time within which the first swing is over [s].
+    """
+    if not told[_LEFT] > 0.0:
+        return
+    falls = told[_FALL] == 0.0
+    if spring > told[_PEAK] and falls:
+        told[_RELEASE] = now
+        told[_PEAK] = spring
+    if falls and spring <= level:
+        told[_FALL] = now - told[_RELEASE]
+    # the first swing, and no later drop of a tip that sticks and slips again
+    if told[_FALL] == 0.0 or now < told[_RELEASE] + told[_FALL] + swing:
+        told[_TROUGH] = min(told[_TROUGH], spring)
+
+
 @njit(cache=True)
 def _drag(
-    tool: tuple[float, float, float, float],
-    contact: tuple[float, ...],
-    drive: tuple[float, ...],
-    steps: int,
+    tool: _Tool, contact: _Contact, drive: _Drive, lead: float, is_unloaded: bool, steps: int
 ) -> tuple[Floats, Floats, Floats]:
-    """Integrate one drag; forces per fine step (spring, and vertical of the contact), and the
-    figures of `_COUNTS`.
+    """Integrate one drag.
+
+    Returns the forces of each fine step, of the spring and vertical at the contact [N], and the
+    figures of `_COUNTS`. It begins `lead` seconds before the edge.
     """
-    k, k3, m, c = tool
-    rho, height, mu, ratio, vs, ageing, edge, bounce = contact
-    load, v, lead, dt, touch = drive
-    arc = math.acos(1.0 - height / rho)
-    begin = -rho * math.sin(arc)  # of the arc; the upper face begins at 0
-    x = begin - lead * v
-    s = 0.0 if touch > 0.0 else mu * load / k  # stretch of the spring
-    if k3 > 0.0:
-        for _ in range(20):
-            s -= (k * s + k3 * s**3 - (0.0 if touch > 0.0 else mu * load)) / (k + 3.0 * k3 * s * s)
-    hand = x + s
-    u = 0.0 if touch > 0.0 else v  # speed along the path; across it where it flies, vx and vy
-    vx = vy = y = 0.0
-    mode = 1 if touch > 0.0 else 0  # 0 slides, 1 sticks, 2 waits in the corner, 3 flies
-    rest = 0.0
-    fx, fy = np.empty(steps), np.empty(steps)
-    told = np.zeros(10)
-    told[0], told[1], told[2] = -1.0, -1e9, 1e9
-    level = mu * load
-    for n in range(steps):
-        weight = load
-        s = hand - x
-        spring = k * s + k3 * s * s * s
+    state = _begin_motion(tool, contact, drive, lead, is_unloaded)
+    spring_force, contact_force = np.empty(steps), np.empty(steps)
+    told = np.zeros(len(_COUNTS))
+    told[_RELEASE], told[_PEAK], told[_TROUGH] = -1.0, -1e9, 1e9
+    level = contact.friction * drive.load
+    swing = 0.5 * math.pi * math.sqrt(tool.mass / tool.stiffness) * 3.0
+    for step in range(steps):
+        now = step * drive.dt
+        stretch = state[_HANDLE] - state[_X]
+        spring = tool.stiffness * stretch + tool.hardening * stretch * stretch * stretch
         impulse = 0.0
-        if mode == 3:
-            f = spring + c * (v - vx)
-            vx += dt * f / m
-            vy -= dt * weight / m
-            x += dt * vx
-            y += dt * vy
-            told[3] += dt
-        if mode != 3 or y <= (
-            0.0
-            if x <= begin
-            else height
-            if x >= 0.0
-            else height - rho + math.sqrt(rho * rho - x * x)
-        ):
-            on_arc = begin < x < 0.0
-            sine = -x / rho if on_arc else 0.0
-            cosine = math.sqrt(1.0 - sine * sine)
-            bend = -1.0 / rho if on_arc else 0.0
-            kinetic = mu * (edge if on_arc else 1.0)
-            if mode == 3:  # it lands
-                across, along = vy * cosine - vx * sine, vx * cosine + vy * sine
-                y = (
-                    0.0
-                    if x <= begin
-                    else height
-                    if x >= 0.0
-                    else height - rho + math.sqrt(rho * rho - x * x)
-                )
-                if across < 0.0:
-                    blow = (1.0 + bounce) * -across
-                    impulse = m * blow * cosine
-                    lost = min(kinetic * blow, abs(along))
-                    along -= math.copysign(lost, along)
-                    across *= -bounce
-                    if across > 2e-3:
-                        vx, vy = along * cosine - across * sine, along * sine + across * cosine
-                    else:
-                        u, mode = along, 0
-            if mode == 0:
-                f = spring + c * (v - u * cosine)
-                press = weight * cosine + f * sine + m * u * u * bend
-                if press <= 0.0:
-                    mode, vx, vy = 3, u * cosine, u * sine
-                    y = (
-                        0.0
-                        if x <= begin
-                        else height
-                        if x >= 0.0
-                        else height - rho + math.sqrt(rho * rho - x * x)
-                    )
-                else:
-                    grip = kinetic * (1.0 + (ratio - 1.0) * math.exp(-abs(u) / vs)) * press
-                    pull = f * cosine - weight * sine
-                    new = u + dt * (pull - math.copysign(grip, u)) / m
-                    if u != 0.0 and new * u <= 0.0:
-                        if abs(pull) <= kinetic * ratio * press:
-                            new, mode, rest = 0.0, 1, 0.0
-                        else:
-                            told[5] += new < 0.0 and told[8] > 0.0
-                    before, u = x, new
-                    x += dt * u * cosine
-                    told[6] = max(told[6], abs(u)) if told[8] > 0.0 else told[6]
-                    impulse = dt * (
-                        press * cosine - math.copysign(grip, u if u != 0.0 else 1.0) * sine
-                    )
-                    if before < begin <= x:
-                        x, u, mode = begin, 0.0, 2
-                    elif before > begin >= x:
-                        u *= math.cos(arc)
-            elif mode == 1:
-                f = spring + c * v
-                rest += dt
-                press, pull = weight * cosine + f * sine, f * cosine - weight * sine
-                hold = (
-                    kinetic
-                    * (ratio + (ageing * math.log(1.0 + rest / 1e-3) if ageing > 0.0 else 0.0))
-                    * press
-                )
-                impulse = dt * weight
-                if abs(pull) > hold:
-                    mode, u = 0, math.copysign(1e-9, pull)
-                    told[4] += told[8] == 0.0
-                    told[5] += told[8] > 0.0 and pull < 0.0
-            elif mode == 2:
-                f = spring + c * v
-                impulse = dt * weight
-                if f >= weight * math.tan(arc + math.atan(mu * edge * ratio)):
-                    mode, u, x = 0, 1e-9, begin + 1e-12
-                    if told[8] == 0.0:
-                        told[8], told[9] = n * dt, spring
-                elif f < -mu * ratio * weight:
-                    mode, u, x = 0, -1e-9, begin - 1e-12
-        fx[n], fy[n] = spring, impulse / dt
-        if told[8] > 0.0:  # it has left the corner
-            if spring > told[1] and told[7] == 0.0:
-                told[0], told[1] = n * dt, spring
-            if told[7] == 0.0 and spring <= level:
-                told[7] = n * dt - told[0]
-            # the first swing, and no later drop of a tip that sticks and slips again
-            if (
-                told[7] == 0.0
-                or n * dt < told[0] + told[7] + 0.5 * math.pi * math.sqrt(m / k) * 3.0
-            ):
-                told[2] = min(told[2], spring)
-        hand += dt * v
-    return fx, fy, told
+        if state[_MODE] == _FLIES:
+            _fly(tool, drive, state, told, spring)
+            if state[_Y] <= _find_path_height(contact, state[_X]):
+                sine, cosine, _, kinetic = _find_slope(contact, state[_X])
+                impulse = _land(tool, contact, state, sine, cosine, kinetic)
+        if state[_MODE] == _SLIDES:
+            impulse = _slide(tool, contact, drive, state, told, spring, impulse)
+        elif state[_MODE] == _STICKS:
+            impulse = drive.dt * drive.load
+            _stick(tool, contact, drive, state, told, spring)
+        elif state[_MODE] == _WAITS:
+            impulse = drive.dt * drive.load
+            _wait(tool, contact, drive, state, told, spring, now)
+        spring_force[step], contact_force[step] = spring, impulse / drive.dt
+        _tell(told, spring, now, level, swing)
+        state[_HANDLE] += drive.dt * drive.speed
+    return spring_force, contact_force, told
 
 
 @njit(cache=True)
-def _free_ring(
-    tool: tuple[float, float, float, float], about: float, swing: float, dt: float, steps: int
-) -> Floats:
+def _free_ring(tool: _Tool, about: float, swing: float, dt: float, steps: int) -> Floats:
     """Force of the free tool over its level, let go at `swing` beside its rest [m], by velocity
     Verlet.
     """
@@ -265,39 +430,32 @@ def drag(
     """One trial: time, both gauges as they read, and what is true of it; None where the tip locks
     or is held.
     """
-    rho = bench.tip_radius + bench.edge_radius
-    if height >= rho:
+    radius = bench.tip_radius + bench.edge_radius
+    if height >= radius:
         return None
-    angle = math.acos(1.0 - height / rho) + math.atan(
-        bench.friction * bench.edge_friction_ratio * bench.static_ratio
-    )
-    if angle >= math.radians(88.5):
+    arc = math.acos(1.0 - height / radius)
+    angle = arc + math.atan(bench.friction * bench.edge_friction_ratio * bench.static_ratio)
+    if angle >= _STEEPEST:
         return None
-    mass = bench.stiffness / (2.0 * math.pi * bench.frequency) ** 2
-    tool = (
-        bench.stiffness,
-        bench.hardening,
-        mass,
-        2.0 * bench.damping_ratio * math.sqrt(bench.stiffness * mass),
-    )
-    peak, dt = load * math.tan(angle), 1.0 / (RATE * _FINE)
+    tool = _build_tool(bench)
+    drive = _Drive(load, speed, 1.0 / (RATE * _FINE))
     lead = float(random.uniform(50e-3, 80e-3))
     level = bench.friction * load
-    climb = _stretch(bench, peak) - _stretch(bench, level)
-    slide = lead + (_stretch(bench, level * bench.static_ratio) / speed if bench.unloaded else 0.0)
+    climb = _stretch(bench, load * math.tan(angle)) - _stretch(bench, level)
+    slide = lead
+    if bench.unloaded:
+        slide = lead + _stretch(bench, level * bench.static_ratio) / speed
     count = math.ceil((slide + climb / speed + _TAIL) * RATE)
-    contact = rho, height, bench.friction, bench.static_ratio, bench.stribeck_speed, bench.ageing
-    contact = (*contact, bench.edge_friction_ratio, bench.restitution)
-    fx, fy, told = _drag(tool, contact, (load, speed, slide, dt, bench.unloaded), count * _FINE)
+    contact = _build_contact(bench, radius, height, arc)
+    is_unloaded = bench.unloaded > 0.0
+    fx, fy, told = _drag(tool, contact, drive, slide, is_unloaded, count * _FINE)
     truth: dict[str, Any] = dict(zip(_COUNTS, map(float, told), strict=True))
     if truth["left_s"] == 0.0:
         return None
     if bench.conversion is not None:  # the snap is sudden there
         truth |= {"release_s": truth["left_s"], "peak_n": truth["left_n"]}
     if bench.let_go < 1.0:
-        late = np.arange(fx.size) > slide / dt
-        early = int(np.argmax(late & (fx >= max(bench.let_go * truth["peak_n"], 1.05 * level))))
-        truth |= {"release_s": early * dt, "peak_n": float(fx[early])}
+        truth |= _find_early_release(bench, fx, slide, level, truth["peak_n"])
     truth |= {"friction": bench.friction, "load_n": load, "level_n": level, "height_m": height}
     truth["stored_j"] = _stored(bench, _stretch(bench, truth["peak_n"]))
     if bench.conversion is not None:
@@ -309,6 +467,43 @@ def drag(
     truth["conversion"] = truth["vibration_energy_j"] / truth["stored_j"]
     truth["regime"] = _regime(bench, truth)
     return (*_read(bench, fx, fy, random), truth)
+
+
+def _build_tool(bench: Bench) -> _Tool:
+    """The mass that rings at the frequency of the bench, and the damper of its damping ratio."""
+    mass = bench.stiffness / (2.0 * math.pi * bench.frequency) ** 2
+    damping = 2.0 * bench.damping_ratio * math.sqrt(bench.stiffness * mass)
+    return _Tool(bench.stiffness, bench.hardening, mass, damping)
+
+
+def _build_contact(bench: Bench, radius: float, height: float, arc: float) -> _Contact:
+    """The path over a step, whose arc has that radius [m] and slope at its foot [rad]."""
+    return _Contact(
+        radius=radius,
+        height=height,
+        arc=arc,
+        begin=-radius * math.sin(arc),
+        friction=bench.friction,
+        static_ratio=bench.static_ratio,
+        stribeck_speed=bench.stribeck_speed,
+        ageing=bench.ageing,
+        edge_ratio=bench.edge_friction_ratio,
+        restitution=bench.restitution,
+    )
+
+
+def _find_early_release(
+    bench: Bench, spring_force: Floats, slide: float, level: float, peak: float
+) -> dict[str, float]:
+    """Release and peak of a tool that springs free at a share of the peak.
+
+    `slide` is the time of sliding [s], `level` its force, `peak` that at which the tip leaves [N].
+    """
+    dt = 1.0 / (RATE * _FINE)
+    climbs = np.arange(spring_force.size) > slide / dt
+    is_high = spring_force >= max(bench.let_go * peak, 1.05 * level)
+    early = int(np.argmax(climbs & is_high))
+    return {"release_s": early * dt, "peak_n": float(spring_force[early])}
 
 
 def _regime(bench: Bench, truth: Mapping[str, Any]) -> str:
@@ -326,7 +521,7 @@ def _regime(bench: Bench, truth: Mapping[str, Any]) -> str:
 
 def _ring_freely(
     bench: Bench,
-    tool: tuple[float, float, float, float],
+    tool: _Tool,
     fx: Floats,
     fy: Floats,
     truth: Mapping[str, Any],
