@@ -345,7 +345,7 @@ def leave_out() -> None:
     def test(data: Any, response: str, first: str, second: str = "", **more: Any) -> Any:
         return None if second else run_f_test(data, response, first, second, **more)
 
-    comparisons.fit_curve = lambda who, own: comparisons.Curve(who, (), (), (), None, "")
+    comparisons.try_to_fit_curve = lambda who, own: comparisons.Curve(who, (), (), (), None, "")
     accuracy.run_f_test = test
     stats.studentized_range = Approximation()
 

@@ -12,7 +12,7 @@ from stepblocks.contact.operating_point import PAPER
 from stepblocks.declaration.read import load_set
 from stepblocks.errors import PipelineError
 from stepblocks.predict.sweep.plan import PARAMETERS
-from stepblocks.predict.sweep.read import load_sweep, read_sweep_stimuli
+from stepblocks.predict.sweep.read import load_sweep, read_swept_set
 from stepblocks.predict.sweep.rows import compute_table
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
@@ -21,13 +21,13 @@ STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 def test_a_block_stands_at_the_middle_of_its_tolerances_or_at_its_nominal():
     # Origin: paper-ten declares 50 +-1 um and an edge of +2 / -0 um; rectangular, half width over
     # the root of three.
-    surface, (block,), _ = read_sweep_stimuli(STIMULI / "paper-ten.toml", ["step-050"], True)
+    surface, (block,), _ = read_swept_set(STIMULI / "paper-ten.toml", ["step-050"], True)
     assert surface == "step"
     assert block.values == pytest.approx({"height": 50e-6, "edge_radius": 1e-6})
     assert block.spreads == pytest.approx(
         {"height": 1e-6 / math.sqrt(3), "edge_radius": 1e-6 / math.sqrt(3)}
     )
-    _, (nominal,), _ = read_sweep_stimuli(STIMULI / "paper-ten.toml", ["step-050"], False)
+    _, (nominal,), _ = read_swept_set(STIMULI / "paper-ten.toml", ["step-050"], False)
     assert asdict(nominal) == {
         "id": "step-050",
         "values": {"height": 50e-6, "edge_radius": 0.0},
@@ -38,7 +38,7 @@ def test_a_block_stands_at_the_middle_of_its_tolerances_or_at_its_nominal():
 
 
 def test_crowns_go_by_the_names_of_their_discrepancies():
-    surface, crowns, grid = read_sweep_stimuli(STIMULI / "crown-margins.toml", None, False)
+    surface, crowns, grid = read_swept_set(STIMULI / "crown-margins.toml", None, False)
     assert surface == "margin"
     assert len(crowns) == len(load_shipped("crown-margins").stimuli)
     names = {name for crown in crowns for name in crown.values}
@@ -88,4 +88,4 @@ def test_what_a_setting_may_be_off_by_is_plain_for_lengths_and_a_share_for_force
 )
 def test_what_cannot_be_swept_over_is_one_clear_error(name, wanted, message):
     with pytest.raises(PipelineError, match=message):
-        read_sweep_stimuli(STIMULI / f"{name}.toml", wanted, False)
+        read_swept_set(STIMULI / f"{name}.toml", wanted, False)

@@ -18,7 +18,7 @@ from stepblocks.rig.forward import (
     build_bench_design,
     build_extended_state,
     build_nominal_state,
-    compute_responses,
+    compute_channel_responses,
     list_constants,
     name_height_error,
     parse_tip_radius_um,
@@ -152,7 +152,7 @@ def test_an_effect_follows_its_column_or_the_block(design):
 
 def test_scatter_shows_in_the_channels_as_the_equations_say(design):
     state = build_nominal_state(design, _VALUES)
-    found = compute_responses(state)
+    found = compute_channel_responses(state)
     total = compute_angle_on_step(design.height, design.tip_radius) + math.atan(0.17)
     # d ln tan(a + atan mu) / d ln mu
     by_friction = 0.17 / (np.sin(total) * np.cos(total)) / (1.0 + 0.17**2)

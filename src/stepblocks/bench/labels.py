@@ -389,7 +389,7 @@ class _TrialGroups:
 
         shared = dict(self._shared)
         for labels in sorted(self._counts, key=rank):
-            if not self._is_mostly_flagged(labels):
+            if not self._explains_flags(labels):
                 continue
             name = "trials of " + ", ".join(f"{column} {value}" for column, value in labels)
             for row, cells in self._flagged_cells.items():
@@ -397,7 +397,7 @@ class _TrialGroups:
                     shared.setdefault(row, name)
         return shared
 
-    def _is_mostly_flagged(self, labels: Labels) -> bool:
+    def _explains_flags(self, labels: Labels) -> bool:
         """Tell whether most trials of a group are flagged, and its labels take several levels."""
         for name, _ in labels:
             if not 1 < len(self._levels[name]) <= _MOST_LEVELS:

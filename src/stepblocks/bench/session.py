@@ -47,7 +47,7 @@ _VOLTS = {"V": 1.0, "mV": 1e-3}
 _FULL_SCALE = re.compile(r"(?P<number>[-+.\deE]+)\s*(?P<unit>V|mV)?")
 
 
-def _parse_full_scale(value: object) -> object:
+def _convert_voltage_text(value: object) -> object:
     """Turn a full scale into volts, or a plain number in the unit of the channels."""
     if not isinstance(value, str):
         return value
@@ -57,7 +57,7 @@ def _parse_full_scale(value: object) -> object:
     return float(match["number"]) * _VOLTS[match["unit"] or "V"]
 
 
-_FullScale = Annotated[float, BeforeValidator(_parse_full_scale), Field(gt=0.0, le=1e9)]
+_FullScale = Annotated[float, BeforeValidator(_convert_voltage_text), Field(gt=0.0, le=1e9)]
 _Delimiter = Annotated[str, Field(min_length=1, max_length=1)]
 _Decimal = Literal[".", ","]
 _Encoding = Annotated[str, AfterValidator(find_encoding_name)]

@@ -284,7 +284,7 @@ class SessionModel:
         self, trials: Trials, values: Mapping[str, float], effects: Active = ()
     ) -> Floats:
         """Change of the channels with what scatters from trial to trial, shape (n, 7, 3)."""
-        return forward.compute_responses(self.compute_state(trials, values, effects))
+        return forward.compute_channel_responses(self.compute_state(trials, values, effects))
 
 
 def _smooth_ramp(trials: Trials) -> Floats:

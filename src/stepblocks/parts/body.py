@@ -470,7 +470,7 @@ class Block(Part):
         ends: tuple[Rule, Rule]
         if mounting.kind == "tapped":
             label = "depth of the core holes"
-            ends = self._make_core_end_rules(mounting, hole)
+            ends = self._make_core_hole_end_rules(mounting, hole)
         else:
             label = "depth of the counterbores"
             wall_x = hole_x + 0.5 * mounting.hole_diameter
@@ -486,7 +486,7 @@ class Block(Part):
             "hole_row", "holes from the front", half_width, front, hole
         )
 
-    def _make_core_end_rules(self, mounting: Mounting, hole: FaceRule) -> tuple[Rule, Rule]:
+    def _make_core_hole_end_rules(self, mounting: Mounting, hole: FaceRule) -> tuple[Rule, Rule]:
         """Make rules of both ends of a core hole: the base, and where the drill's point begins."""
         base = self.body.base
         hole_x = -0.5 * mounting.spacing.nominal

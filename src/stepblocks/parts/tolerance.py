@@ -248,7 +248,7 @@ def _read_dimension(raw: object, quantity: str, origin: Origin) -> Dimension:
     nominal_raw = table.get("nominal")
     if isinstance(nominal_raw, Dimension):
         return nominal_raw
-    _check_dimension_names(table)
+    _check_dimension_fields(table)
     nominal = parse_plausible(nominal_raw, quantity, origin)
     source = table.get("source", "")
     if not isinstance(source, str):
@@ -270,7 +270,7 @@ def _read_dimension(raw: object, quantity: str, origin: Origin) -> Dimension:
     )
 
 
-def _check_dimension_names(table: dict[str, object]) -> None:
+def _check_dimension_fields(table: dict[str, object]) -> None:
     """Refuse a table that has unknown names or no nominal value."""
     mistake = ""
     unknown = set(table) - {"nominal", "tolerance", "otherwise", "source"}

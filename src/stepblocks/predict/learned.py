@@ -25,7 +25,7 @@ from stepblocks.rig.forward import (
     BenchDesign,
     build_bench_design,
     build_extended_state,
-    compute_responses,
+    compute_channel_responses,
     list_covariate_columns,
     name_height_error,
     parse_tip_radius_um,
@@ -224,7 +224,7 @@ def _predict_channels(
     jacobian = _compute_jacobian(design, fitted, mean)
     variance = (
         np.einsum("nci,ij,ncj->nc", jacobian, fitted.covariance, jacobian)
-        + np.einsum("nck,k->nc", compute_responses(state) ** 2, learned.quantity_std**2)
+        + np.einsum("nck,k->nc", compute_channel_responses(state) ** 2, learned.quantity_std**2)
         + learned.channel_std**2
     )
     for unseen in _yield_unseen_variances(design, fitted, learned, mean):

@@ -62,9 +62,11 @@ class Truth:
     def compute_tangential_force(self, since: Array) -> Array:
         """Return the tangential force [N] at times since the release [s], shape (n,)."""
         remainder = self.peak_force - self.sliding_force - self.amplitude
-        return self._compute_ringing_force(since) + remainder * np.exp(-since / self.release_decay)
+        return self._compute_sliding_and_ringing_force(since) + remainder * np.exp(
+            -since / self.release_decay
+        )
 
-    def _compute_ringing_force(self, since: Array) -> Array:
+    def _compute_sliding_and_ringing_force(self, since: Array) -> Array:
         """Return the ringing force about the sliding force [N]; see `compute_tangential_force`."""
         if self.gap > 0.0:
             start = (self.sliding_force + self.amplitude, -self.amplitude / self.decay_time)

@@ -320,7 +320,7 @@ def select_covariate(
     return design.covariates[covariate]
 
 
-def compute_responses(state: DragState) -> Floats:
+def compute_channel_responses(state: DragState) -> Floats:
     """Change of the channels per unit of ln friction, ln load and ln conversion.
 
     These three scatter among trials; the shape is (n, 7, 3).

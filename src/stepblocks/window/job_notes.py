@@ -99,7 +99,7 @@ class JobNotes:
             self._locks.enter_context(try_lock(self._place / _LOCK))
         return self._place
 
-    def remove_own_notes(self) -> None:
+    def remove_held_notes(self) -> None:
         """Remove all notes that are this window's or were found by it."""
         self._locks.close()
         for place in self._held:

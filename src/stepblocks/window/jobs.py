@@ -304,7 +304,7 @@ class JobList:
                 job.cancel()
         for job in self._jobs:
             job.wait(_GRACE)
-        self._notes.remove_own_notes()
+        self._notes.remove_held_notes()
 
     @property
     def _next_number(self) -> int:

@@ -81,7 +81,7 @@ def write_step_ap242(
     SolidError
         If the kernel cannot write the file.
     """
-    content = _list_content(stimulus, [kernel.describe_faces(body) for _, body in bodies])
+    content = _list_pmi_content(stimulus, [kernel.describe_faces(body) for _, body in bodies])
     texture = None
     if stimulus.has_working_faces:
         texture = stimulus.face_demands["roughness"].upper
@@ -162,7 +162,7 @@ def _make_pmi_material(material: Material) -> PmiMaterial:
     return PmiMaterial(material.order_text, density)
 
 
-def _list_content(part: Part, described: Sequence[tuple[door.Face, ...]]) -> _Content:
+def _list_pmi_content(part: Part, described: Sequence[tuple[door.Face, ...]]) -> _Content:
     """List dimensions, tolerances and notes of a part, whose bodies have the described faces."""
     box = measure_box([face for faces in described for face in faces])
     content = _Content()

@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -164,9 +165,8 @@ class _PlanReader:
                 "set must be the path of a stimulus file and tolerances true or false "
                 "[sweep], [draws]"
             )
-        self.surface, self.stimuli, grid = read_sweep_stimuli(
-            self.folder / name, self.parameters.get("stimulus"), with_tolerances
-        )
+        swept = read_swept_set(self.folder / name, self.parameters.get("stimulus"), with_tolerances)
+        self.surface, self.stimuli, grid = swept
         self.laws = (grid.laws or {}) | self.laws
         self.declared = {
             "tip_radius": list(grid.tip_radii),
@@ -355,17 +355,43 @@ def _read_count(name: str, raw: object, place: str, most: int = _MOST_ROWS) -> i
     return raw
 
 
-def read_sweep_stimuli(
-    path: Path, identities: object, with_tolerances: bool
-) -> tuple[str, list[SweepStimulus], PredictionGrid]:
-    """Read the stimuli that a sweep goes over: their surface, each of them, and their setting."""
-    stimuli = load_set(path)
-    known = {part.id: part for part in stimuli.stimuli}
-    parts = _choose_parts(known, identities, path)
-    surface = _find_common_surface(parts, path)
-    tool = stimuli.prediction.as_tool()
-    points = [_make_sweep_stimulus(part, surface, with_tolerances, tool) for part in parts]
-    return surface, points, stimuli.prediction
+class SweptSet(NamedTuple):
+    """What a sweep goes over.
+
+    Attributes
+    ----------
+    surface : str
+        Kind of surface that all stimuli have, a key of `SURFACES`.
+    stimuli : list of SweepStimulus
+    setting : PredictionGrid
+        Tool, loads and frictions that their set declares.
+    """
+
+    surface: str
+    stimuli: list[SweepStimulus]
+    setting: PredictionGrid
+
+
+def read_swept_set(set_path: Path, part_ids: object, with_tolerances: bool) -> SweptSet:
+    """Read the stimuli of a set that a sweep goes over.
+
+    Parameters
+    ----------
+    set_path : Path
+        File of the set.
+    part_ids : object
+        Which parts, a list of ids as it stands in the file of the sweep; None for all that a tip
+        crosses.
+    with_tolerances : bool
+        Whether the sizes vary within their limits.
+    """
+    declared = load_set(set_path)
+    known = {part.id: part for part in declared.stimuli}
+    parts = _choose_parts(known, part_ids, set_path)
+    surface = _find_common_surface(parts, set_path)
+    tool = declared.prediction.as_tool()
+    stimuli = [_make_sweep_stimulus(part, surface, with_tolerances, tool) for part in parts]
+    return SweptSet(surface, stimuli, declared.prediction)
 
 
 def _choose_parts(known: Mapping[str, Part], identities: object, path: Path) -> list[Part]:

@@ -147,7 +147,7 @@ def fit_setting(setting: str, judgements: Table, standard: float) -> Comparisons
         Height of the standard [m].
     """
     by_participant = judgements.groupby("participant", sort=False)
-    curves = tuple(fit_curve(str(name), answers) for name, answers in by_participant)
+    curves = tuple(try_to_fit_curve(str(name), answers) for name, answers in by_participant)
     constant = find_constant_answerers(judgements, standard)
     judgements = judgements[~judgements["participant"].isin(constant)]
     if judgements.empty:
@@ -198,7 +198,7 @@ def find_constant_answerers(judgements: Table, standard: float) -> tuple[str, ..
     return tuple(found)
 
 
-def fit_curve(who: str, judgements: Table) -> Curve:
+def try_to_fit_curve(who: str, judgements: Table) -> Curve:
     """Fit the curve of one participant; without a fit, the curve has the reason."""
     by_level = judgements.groupby("height")["higher"].agg(["sum", "count"])
     levels = tuple(by_level.index.tolist())
