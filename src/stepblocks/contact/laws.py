@@ -107,12 +107,10 @@ class Stribeck(FrictionLaw):
         for name, value in (("sliding", sliding), ("static", static), ("viscous", viscous)):
             require_not_negative(name, value)
 
-        def compute_coefficient(v: float, load: float, place: float, time: float) -> float:
-            """Coefficient at a speed [m/s]; load, place and time do not count."""
-            stribeck = (static - sliding) * math.exp(-abs(v) / speed)
-            return sliding + stribeck + viscous * abs(v)
-
-        super().__init__(compute_coefficient, bristle_stiffness)
+        coefficient = _make_stribeck_curve(
+            float(sliding), float(static), float(speed), float(viscous)
+        )
+        super().__init__(coefficient, bristle_stiffness)
         object.__setattr__(self, "_numbers", (sliding, static, speed, viscous, bristle_stiffness))
 
     def __reduce__(self) -> "tuple[type[Stribeck], tuple[float, ...]]":
@@ -120,6 +118,20 @@ class Stribeck(FrictionLaw):
 
     def __repr__(self) -> str:
         return f"Stribeck{self._numbers}"
+
+
+@lru_cache(maxsize=64)
+def _make_stribeck_curve(
+    sliding: float, static: float, speed: float, viscous: float
+) -> Coefficient:
+    """Make the coefficient of a Stribeck law; equal laws share it, so that it is compiled once."""
+
+    def compute_coefficient(v: float, load: float, place: float, time: float) -> float:
+        """Coefficient at a speed [m/s]; load, place and time do not count."""
+        stribeck = (static - sliding) * math.exp(-abs(v) / speed)
+        return sliding + stribeck + viscous * abs(v)
+
+    return compute_coefficient
 
 
 class ContactLaw(ABC):
