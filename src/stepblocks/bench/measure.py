@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from concurrent.futures import Future
 
 _CHUNK = 16  # trials that a worker takes at a time
+_FEWEST_TRIALS = 64  # of a worker: fewer are measured before it has begun
 _AHEAD = 4  # chunks per worker that wait for it at most
 _PILOTS = 16  # trials that tell of the tool
 _MOST_JOBS = 256
@@ -92,8 +93,8 @@ def measure_session(
     output : str or Path, optional
         File that the table is also written to, CSV.
     jobs : int, optional
-        Processes; as many as cores where omitted. The script that calls needs no main guard for
-        them.
+        Processes; as many as cores where omitted, and fewer for few trials. The script that calls
+        needs no main guard for them.
     progress : callable, optional
         Called after each trial with the number of trials that are done and the number of all.
     tool : tuple of float, optional
@@ -193,7 +194,7 @@ def _measure_rows(
 ) -> LabelledRows:
     """Measure all trials into a store; return its rows with the faults of their labels."""
     check = LabelCheck()
-    results = _yield_results(table, _count_processes(jobs), tool)
+    results = _yield_results(table, _count_processes(jobs, table.count), tool)
     for done, result in enumerate(results, start=1):
         if result.fault is None:
             check.add(result.trial, result.features, result.digest)
@@ -203,10 +204,13 @@ def _measure_rows(
     return LabelledRows(store, table.covariates, check.find_faults())
 
 
-def _count_processes(jobs: int | None) -> int:
-    """Return the number of processes asked for, else of the cores; refuse one out of range."""
+def _count_processes(jobs: int | None, trials: int) -> int:
+    """Return the number of processes asked for, else of cores; refuse one out of range.
+
+    Where none is asked for, few trials occupy fewer processes than there are cores.
+    """
     if jobs is None:
-        return count_cores()
+        return max(min(count_cores(), trials // _FEWEST_TRIALS), 1)
     if not 1 <= jobs <= _MOST_JOBS:
         raise PipelineError(f"`jobs` must lie between 1 and {_MOST_JOBS}, got {jobs}")
     return jobs

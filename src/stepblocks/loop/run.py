@@ -125,7 +125,6 @@ def loop_session(
     inspected = {}
     if as_built:
         inspected = list_measured_edges(read_records(list(map(Path, as_built))))
-    cores = jobs or count_cores()
     place = None if output is None else Path(output)
     if isinstance(session, pd.DataFrame):
         refuse_layout(layout, "a table in memory", PipelineError)
@@ -133,7 +132,14 @@ def loop_session(
             raise PipelineError("whole records need traces: give the folder of the session")
         scans = {} if forces_only else inspected
         stiffness, radius = point.tool.stiffness, point.ball_radius
-        result = analyse_features(session, stiffness, radius, scans, jobs=cores, announce=announce)
+        result = analyse_features(
+            session,
+            stiffness,
+            radius,
+            scans,
+            jobs=jobs or count_cores(),
+            announce=announce,
+        )
         if place is not None:
             with lock_folder(place):
                 write_loop(result, place)
@@ -145,7 +151,7 @@ def loop_session(
         forces_only=forces_only,
         whole_record=whole_record,
     )
-    return folder.measure_and_explain(place, cores, features, progress, announce)
+    return folder.measure_and_explain(place, jobs or None, features, progress, announce)
 
 
 @dataclass(frozen=True)
@@ -198,12 +204,15 @@ class _SessionFolder:
     def measure_and_explain(
         self,
         output: Path | None,
-        jobs: int,
+        jobs: int | None,
         features: pd.DataFrame | None,
         progress: Callable[[int, int], None] | None,
         announce: Announce | None,
     ) -> LoopResult:
-        """Measure and explain the session, and write the result where there is an output."""
+        """Measure and explain the session, and write the result where there is an output.
+
+        Without a number of processes all cores are used, where there is enough to do.
+        """
         from stepblocks.bench.conditions import read_conditions, replace_columns_by_conditions
         from stepblocks.bench.figures import draw_trials
         from stepblocks.bench.measure import estimate_tool, measure_session
@@ -216,6 +225,7 @@ class _SessionFolder:
         )
 
         tool = None
+        cores = jobs or count_cores()
         layout = self.declared.layout
         if features is None:
             # a slip of session.toml is reported before anything that the session lacks
@@ -238,10 +248,10 @@ class _SessionFolder:
                 )
             with_conditions = replace_columns_by_conditions(features, conditions)
             sizes = self._find_block_sizes(with_conditions)
-            explain_table = partial(self._explain, sizes=sizes, jobs=jobs, announce=announce)
+            explain_table = partial(self._explain, sizes=sizes, jobs=cores, announce=announce)
             result = explain_table(with_conditions)
             if self.whole_record:
-                rows = fit_session_records(self.folder, jobs, layout, tool)
+                rows = fit_session_records(self.folder, cores, layout, tool)
                 if output is not None:
                     write_record_rows(rows, output / "whole-record.csv")
                 replaced = replace_by_whole_records(
