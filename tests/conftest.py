@@ -21,6 +21,12 @@ settings.register_profile("long", derandomize=True, deadline=None, max_examples=
 for library in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
     os.environ.setdefault(library, "1")
 
+CORES = cpu_count()
+# the cores are busy where several processes share the tests: a command of a test starts workers
+# only where the test asks for them, as each would load the libraries again
+if "PYTEST_XDIST_WORKER" in os.environ:
+    os.environ["LOKY_MAX_CPU_COUNT"] = "1"
+
 ROOT = Path(__file__).resolve().parent.parent
 
 
@@ -31,8 +37,7 @@ def pytest_configure(config):
 
 def pytest_xdist_auto_num_workers(config):
     """Share the long tests among one process more than there are cores: some only wait."""
-    cores = cpu_count()
-    return cores + 1 if runs_long_tests(config) else cores
+    return CORES + 1 if runs_long_tests(config) else CORES
 
 
 def runs_long_tests(config):
@@ -157,7 +162,7 @@ def shipped_output(make_once, request):
         sets = [select_quickly_built(shipped) for shipped in sets]
 
     # few parts are built sooner in this process, which has loaded what it takes
-    jobs = None if runs_long_tests(request.config) else 1
+    jobs = CORES if runs_long_tests(request.config) else 1
 
     def build(folder):
         return build_sets(sets, folder, jobs=jobs).failures
