@@ -4,14 +4,17 @@ import math
 import random
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
 
 from stepblocks.files.atomic import write_atomically
 from stepblocks.workshop.paper import FONT, HEIGHT, WIDTH, Paper
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 FORMATS = ("dxf", "svg", "pdf")
 _CAPITAL = 0.729  # height of a capital of the font over its size
@@ -20,6 +23,8 @@ _POINTS_PER_INCH = 72.0
 _RESOLUTION = 150  # of what cannot be drawn as lines [dots per inch]
 _LEAST_LINE_WIDTH = 0.2  # [mm]
 _HATCH_SEED = 0  # of the small random shifts with which ezdxf draws hatch lines
+# of matplotlib: names by content, and letters as letters
+_PINNED = {"svg.hashsalt": "stepblocks", "svg.fonttype": "none", "pdf.fonttype": 42}
 
 
 def write_sheet(
@@ -44,15 +49,15 @@ def write_sheet(
         A file of each format.
     """
     paths = [folder / f"{name}.{suffix}" for suffix in formats]
-    with _pin_ezdxf():
+    with _pin_ezdxf(), mpl.rc_context(_PINNED):
         paper = draw()
+        draw_once = cache(partial(_draw_figure, paper))
         for path in paths:
             with write_atomically(path) as draft:
                 if path.suffix == ".dxf":
                     _save_dxf(paper, draft)
                 else:
-                    random.seed(_HATCH_SEED)
-                    _save_picture(paper, draft)
+                    _save_picture(draw_once(), draft)
     return paths
 
 
@@ -104,26 +109,28 @@ def _find_font_folder() -> Path:
     return Path(mpl.get_data_path()) / "fonts" / "ttf"
 
 
-def _save_picture(paper: Paper, path: Path) -> None:
-    """Draw with matplotlib what the DXF holds, and save it as SVG or PDF by its suffix."""
+def _draw_figure(paper: Paper) -> "Figure":
+    """Draw with matplotlib what the DXF holds."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    pinned = {"svg.hashsalt": "stepblocks", "svg.fonttype": "none", "pdf.fonttype": 42}
-    with mpl.rc_context(pinned):
-        figure = Figure(figsize=(WIDTH / _MILLIMETRES_PER_INCH, HEIGHT / _MILLIMETRES_PER_INCH))
-        FigureCanvasAgg(figure)
-        axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-        _draw_on_axes(paper, axes)
-        # the figure has the proportions of the sheet
-        axes.set(
-            xlim=(0.0, WIDTH), ylim=(0.0, HEIGHT), aspect="auto", position=(0.0, 0.0, 1.0, 1.0)
-        )
-        axes.set_axis_off()
-        dates: tuple[str, ...] = ("CreationDate", "ModDate")
-        if path.suffix == ".svg":
-            dates = ("Date",)
-        figure.savefig(path, metadata=dict.fromkeys(dates), dpi=_RESOLUTION)
+    random.seed(_HATCH_SEED)
+    figure = Figure(figsize=(WIDTH / _MILLIMETRES_PER_INCH, HEIGHT / _MILLIMETRES_PER_INCH))
+    FigureCanvasAgg(figure)
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    _draw_on_axes(paper, axes)
+    # the figure has the proportions of the sheet
+    axes.set(xlim=(0.0, WIDTH), ylim=(0.0, HEIGHT), aspect="auto", position=(0.0, 0.0, 1.0, 1.0))
+    axes.set_axis_off()
+    return figure
+
+
+def _save_picture(figure: "Figure", path: Path) -> None:
+    """Save a figure as SVG or PDF by the suffix of a path, without the time."""
+    dates: tuple[str, ...] = ("CreationDate", "ModDate")
+    if path.suffix == ".svg":
+        dates = ("Date",)
+    figure.savefig(path, metadata=dict.fromkeys(dates), dpi=_RESOLUTION)
 
 
 def _draw_on_axes(paper: Paper, axes: Any) -> None:
