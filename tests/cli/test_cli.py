@@ -170,6 +170,31 @@ def test_completion_knows_commands_and_options(shell, capsys):
     assert "estimates" in complete("stepblocks study design --experiment e")
 
 
+@pytest.mark.parametrize("option", ["-o", "--perception"])
+def test_what_a_command_reads_is_never_replaced_by_what_it_writes(tmp_path, capsys, option):
+    # not with --force either, and not where the file is as another command wrote it
+    source = tmp_path / "mine.toml"
+    assert main(["new", "block", str(source)]) == 0
+    before = source.read_bytes()
+    capsys.readouterr()
+    assert main(["predict", str(source), option, f"{tmp_path}/./mine.toml", "--force"]) == 2
+    assert "output must not replace what the command reads" in capsys.readouterr().err
+    assert source.read_bytes() == before
+
+
+def test_no_output_of_a_command_replaces_a_file_of_somebody_else(tmp_path, capsys):
+    source, pairs = str(ROOT / "stimuli" / "paper-four.toml"), tmp_path / "pairs.csv"
+    pairs.write_text("mine")
+    command = ["predict", source, "--perception", str(pairs)]
+    assert main(command) == 2
+    assert "is not ours" in capsys.readouterr().err
+    assert pairs.read_text() == "mine"
+    assert main([*command, "-o", str(pairs), "--force"]) == 2
+    assert "two outputs must not have the same place" in capsys.readouterr().err
+    assert main([*command, "--force"]) == 0
+    assert main(command) == 0  # ours by now
+
+
 def test_a_file_of_ours_is_replaced_one_that_somebody_changed_is_not(tmp_path, capsys):
     source, table = str(ROOT / "stimuli" / "paper-four.toml"), tmp_path / "table.csv"
     command = ["predict", source, "-o", str(table)]

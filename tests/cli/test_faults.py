@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from stepblocks.cli import main
-from stepblocks.cli.outcome import protect_output
+from stepblocks.cli.outcome import protect_outputs
 from stepblocks.records.as_built import read_as_built
 
 FOUR = str(Path(__file__).resolve().parents[2] / "stimuli" / "paper-four.toml")
@@ -168,10 +168,10 @@ def test_too_little_memory_is_no_internal_error(monkeypatch, capsys):
 def test_what_a_build_that_failed_had_to_note_is_left_to_the_manifest_of_the_next_one(tmp_path):
     # the note said of a disturbed build what the next one says in its manifest, and an undisturbed
     # one left no note
-    with protect_output(tmp_path, force=False):  # as far as it came
+    with protect_outputs([tmp_path], force=False):  # as far as it came
         (tmp_path / "part.step").write_text("part")
     assert "part.step" in (tmp_path / ".stepblocks.json").read_text()
-    with protect_output(tmp_path, force=False):
+    with protect_outputs([tmp_path], force=False):
         (tmp_path / "manifest.json").write_text('{"outputs": {"part.step": "its hash"}}')
     assert [path.name for path in tmp_path.iterdir() if path.name != "part.step"] == [
         "manifest.json"

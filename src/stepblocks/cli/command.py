@@ -4,18 +4,28 @@ import functools
 import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import zip_longest
+from pathlib import Path
 from typing import Any
 
 import typer
 from typer.core import TyperArgument, TyperCommand, TyperGroup, TyperOption
 
 from stepblocks.cli.options import DecimalSign, Encoding, Force, Json, Missing, Quiet, Wide
-from stepblocks.cli.outcome import Outcome, collect_reading_notes, protect_output, show
+from stepblocks.cli.outcome import (
+    Outcome,
+    collect_reading_notes,
+    protect_outputs,
+    refuse_input_as_output,
+    show,
+)
 from stepblocks.errors import PipelineError
 from stepblocks.files.layout import TableLayout
+from stepblocks.files.store import names_object_store
 
 Function = Callable[..., Outcome]
 
+# parameters that name what a command writes
+_OUTPUTS = ("output", "plot", "plots", "perception", "whole_record", "check")
 _LAYOUT = "layout"  # parameter of a command that reads tables
 
 
@@ -129,8 +139,8 @@ def command(
 
     The function takes its options by name and returns an `Outcome`, which is shown afterwards. One
     that takes a `layout` has the options of tables, of which its layout is made. While it runs, the
-    files below its option ``output`` that are not ours are protected. The first paragraph of its
-    docstring is the command's line in the list; `examples` end the help.
+    files below its outputs that are not ours are protected, and no output is one of its inputs. The
+    first paragraph of its docstring is the command's line in the list; `examples` end the help.
     """
 
     def register(function: Function) -> Function:
@@ -153,7 +163,9 @@ def command(
                 taken[_LAYOUT] = make_layout(**declared)
             if "quiet" in taken:  # JSON alone is printed, without a display of progress
                 taken["quiet"] = shown["quiet"] or shown["as_json"]
-            protected = protect_output(values.get("output"), force=force)
+            outputs, inputs = _list_paths(values)
+            refuse_input_as_output(outputs, inputs)
+            protected = protect_outputs(outputs, force=force)
             with collect_reading_notes() as notes, protected as written:
                 outcome = function(**taken)
                 written += outcome.kept
@@ -177,6 +189,28 @@ def command(
         return function
 
     return register
+
+
+def _list_paths(values: Mapping[str, object]) -> tuple[list[Path], list[Path]]:
+    """List the places that a command writes to, and those that it reads from.
+
+    Parameters
+    ----------
+    values : mapping
+        The values of its options and arguments by their names.
+    """
+    outputs: list[Path] = []
+    inputs: list[Path] = []
+    for name, value in values.items():
+        paths = value if isinstance(value, list) else [value]
+        if name == "output" and isinstance(value, str) and not names_object_store(value):
+            paths = [Path(value)]
+        found = [path for path in paths if isinstance(path, Path)]
+        if name in _OUTPUTS:
+            outputs += found
+        else:
+            inputs += found
+    return outputs, inputs
 
 
 def _join_lines(text: str) -> str:

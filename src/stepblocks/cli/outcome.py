@@ -15,10 +15,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepblocks.build.manifest import hash_file
-from stepblocks.errors import ReadingWarning
+from stepblocks.errors import PipelineError, ReadingWarning
 from stepblocks.files.atomic import protect_files, replace_text
 from stepblocks.files.progress import PROGRESS_FILE, ProgressStep, append_step
-from stepblocks.files.store import names_object_store
 from stepblocks.quantities import format_column, format_column_label, format_units
 
 if TYPE_CHECKING:
@@ -373,33 +372,18 @@ def collect_reading_notes() -> Iterator[list[ReadingNote]]:
 
 
 @contextmanager
-def protect_output(place: object, *, force: bool) -> Iterator[list[Path]]:
-    """Let a command write to a place, but replace no file there that is not ours.
+def protect_outputs(places: Sequence[Path], *, force: bool) -> Iterator[list[Path]]:
+    """Let a command write to places, but replace no file there that is not ours.
 
     Gives the list of written files; the command adds to it what it found and kept, and afterwards
-    it names what was written. What a build wrote stands in its ``manifest.json``; what another
-    command wrote, in ``.stepblocks.json`` with its hash, so that a table which somebody filled in
-    since is theirs.
+    it names what was written.
     """
     written: list[Path] = []
-    if isinstance(place, str) and not names_object_store(place):
-        place = Path(place)
-    if not isinstance(place, Path):
-        yield written
-        return
-    folder = _find_folder(place)
-    before = {path: _read_time_and_size(path) for path in _list_files(place)}
-    built = _read_hashes(folder / "manifest.json", "outputs")
-    known = _read_hashes(folder / _MEMORY, "written")
+    guards = [_OutputGuard(place, force=force) for place in places]
 
     def is_protected(path: Path) -> bool:
-        """Tell whether a file was there before and is not as a command wrote it."""
-        if force or path not in before:
-            return False
-        name = path.relative_to(folder).as_posix()
-        if name in built or name == "manifest.json":
-            return False
-        return known.get(name) != hash_file(path)
+        """Tell whether a file at one of the places was there before and is not ours."""
+        return any(guard.is_protected(path) for guard in guards)
 
     try:
         with protect_files(is_protected):
@@ -407,10 +391,79 @@ def protect_output(place: object, *, force: bool) -> Iterator[list[Path]]:
     finally:
         kept = written[:]
         written.clear()
-        for path in sorted(_list_files(place)):
-            if before.get(path) != _read_time_and_size(path):
-                written.append(path)
-        _remember_written_files(_find_folder(place), [*written, *kept])
+        for guard in guards:
+            changed = [path for path in guard.list_changed_files() if path not in written]
+            written += changed
+            guard.remember([*changed, *kept])
+
+
+class _OutputGuard:
+    """The files at a place to which a command writes, as they were before.
+
+    What a build wrote stands in its ``manifest.json``; what another command wrote, in
+    ``.stepblocks.json`` with its hash, so that a table which somebody filled in since is theirs.
+
+    Parameters
+    ----------
+    place : Path
+        A file or a folder; it need not exist.
+    force : bool
+        Whether files of others may be replaced.
+    """
+
+    def __init__(self, place: Path, *, force: bool) -> None:
+        self._place = place
+        self._force = force
+        self._folder = _find_folder(place)
+        self._before = {path: _read_time_and_size(path) for path in _list_files(place)}
+        self._built = _read_hashes(self._folder / "manifest.json", "outputs")
+        self._known = _read_hashes(self._folder / _MEMORY, "written")
+
+    def is_protected(self, path: Path) -> bool:
+        """Tell whether a file was there before and is not as a command wrote it."""
+        if self._force or path not in self._before:
+            return False
+        name = path.relative_to(self._folder).as_posix()
+        if name in self._built or name == "manifest.json":
+            return False
+        return self._known.get(name) != hash_file(path)
+
+    def list_changed_files(self) -> list[Path]:
+        """List the files that are new, or not as they were."""
+        changed = []
+        for path in sorted(_list_files(self._place)):
+            if self._before.get(path) != _read_time_and_size(path):
+                changed.append(path)
+        return changed
+
+    def remember(self, written: Sequence[Path]) -> None:
+        """Note which files in the folder are ours."""
+        folder = _find_folder(self._place)
+        inside = [path for path in written if path.is_relative_to(folder)]
+        _remember_written_files(folder, inside)
+
+
+def refuse_input_as_output(outputs: Sequence[Path], inputs: Sequence[Path]) -> None:
+    """Refuse an output that would replace a file that the command reads, or another output.
+
+    Raises
+    ------
+    PipelineError
+        Also where the file is ours: what is read is never replaced by what is made of it.
+    """
+    for number, output in enumerate(outputs):
+        if any(_is_same_file(output, path) for path in inputs):
+            raise PipelineError(f"output must not replace what the command reads [{output}]")
+        if output.resolve() in [path.resolve() for path in outputs[:number]]:
+            raise PipelineError(f"two outputs must not have the same place [{output}]")
+
+
+def _is_same_file(first: Path, second: Path) -> bool:
+    """Tell whether two paths lead to one file that is there."""
+    try:
+        return first.is_file() and first.samefile(second)
+    except OSError:  # the other is not there, or its name is too long
+        return False
 
 
 def _find_folder(place: Path) -> Path:
@@ -444,7 +497,7 @@ def _read_hashes(file: Path, key: str) -> dict[str, str]:
 
 
 def _remember_written_files(folder: Path, written: Sequence[Path]) -> None:
-    """Record the hashes of written files in a note in the folder, for `protect_output`.
+    """Record the hashes of written files in a note in the folder, for `protect_outputs`.
 
     Files that a build's manifest names are left out.
     """
