@@ -16,6 +16,9 @@ _FEW = 12  # names that a message lists
 _LONGEST_VALUE = 60  # letters of a value that a message shows
 _SIMILAR_ENOUGH = 0.7  # of two names, as difflib measures it
 
+# pydantic's findings where a table should stand
+_NO_TABLE = ("model_type", "model_attributes_type", "dict_type")
+
 Model = TypeVar("Model", bound=BaseModel)
 Mistake = tuple[str, str]  # where in the file, empty for the file itself; name, rule and value
 # from a location to the place in the file, and what is left of it
@@ -131,6 +134,8 @@ def list_mistakes(
         hint = ""
         if _is_unknown_name(finding):
             hint = _suggest_name(model, finding["loc"], remainder)
+        elif finding["type"] == "model_type":
+            hint = _list_names_of_table(model, finding["loc"])
         for text in _format_finding(finding, ".".join(map(str, remainder))):
             mistakes.append((place, f"{text}{hint}"))
     return _sort_by_place(mistakes, first=[""])
@@ -196,6 +201,14 @@ def _suggest_name(model: type[BaseModel], location: Location, remainder: Locatio
     return ""
 
 
+def _list_names_of_table(model: type[BaseModel], location: Location) -> str:
+    """Return what to add to a message where no table stands: the fields that it has, if few."""
+    fields = _list_fields(model, (*location, ""))
+    if not fields or len(fields) > _FEW:
+        return ""
+    return f"; its fields are {', '.join(fields)}"
+
+
 def _format_finding(finding: ErrorDetails, name: str) -> list[str]:
     """Say name, rule and value of one of pydantic's findings, which may state several rules."""
     kind = finding["type"]
@@ -216,6 +229,8 @@ def _format_finding(finding: ErrorDetails, name: str) -> list[str]:
             f"{name} must be lower-case words and digits joined by hyphens, "
             f"got {shorten_value(value)}"
         ]
+    if kind in _NO_TABLE:
+        return [f"{name} must be a table in braces, got {shorten_value(value)}"]
     text = finding["msg"].replace("a valid tuple", "a list in square brackets")
     return [f"{name}: {text[:1].lower()}{text[1:]}, got {shorten_value(value)}"]
 
@@ -293,7 +308,8 @@ def _correct_names(
 ) -> object:
     """Return data whose misspelt names are taken for what was meant, where that is missing.
 
-    Other unknown names are left out.
+    Stanzas of a misspelt kind join those of the kind that was meant. Other unknown names are left
+    out.
     """
     data = deepcopy(data)
     for finding in unknown:
@@ -303,8 +319,11 @@ def _correct_names(
             continue
         value = table.pop(name)
         meant = _find_meant_name(model, finding["loc"])
-        if meant is not None and "." not in meant:
-            table[meant] = value
+        if meant is None or "." in meant:
+            continue
+        declared = table.setdefault(meant, value)
+        if declared is not value and isinstance(declared, list) and isinstance(value, list):
+            declared += value
     return data
 
 

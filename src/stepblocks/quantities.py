@@ -330,7 +330,10 @@ def _parse_magnitude(text: str, unit: str, wanted: str) -> float:
         raise QuantityError(f"{wanted}, got {text[: _MAX_TEXT - 3] + '...'!r}")
     parsed = _QUANTITY.fullmatch(text)
     if parsed is None or (unit and not parsed[2]):
-        raise QuantityError(f"{wanted}, got {text!r}")
+        hint = ""
+        if "," in text and _QUANTITY.fullmatch(text.replace(",", ".", 1)):
+            hint = " (the decimal sign is a point)"
+        raise QuantityError(f"{wanted}, got {text!r}{hint}")
     number = float(parsed[1])
     size = COMMON_SIZES.get(unit, {}).get(parsed[2])
     if size is not None:

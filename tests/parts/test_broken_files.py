@@ -27,6 +27,10 @@ CASES = {
     "not TOML": ("schema = = 1", "must be TOML"),
     "empty": ("", "a set must declare at least one stimulus"),
     "wrong encoding": (b"schema = 1\ntitle = '\xff\xfe'", "must be UTF-8"),
+    "letters of Windows": (
+        'schema = 1\r\ntitle = "Blöcke"'.encode("cp1252"),
+        "broken.toml, line 2]",
+    ),
     "a zip": (b"PK\x03\x04\x00\x00", "must be"),
     "wrong schema": (swap("schema = 1", "schema = 2"), "schema must be 1, got 2"),
     "wrong set name": (swap('set = "broken"', 'set = "other"'), "set must be the name of its file"),
@@ -52,6 +56,15 @@ CASES = {
         swap('material = "steel"', 'material = "mithril"'),
         "material: must be one of",
     ),
+    "a word for a table": (
+        '[[step_block]]\nid = "one"\nheight = "9 um"\nbody = { mounting = "clearance" }',
+        "body.mounting must be a table in braces, got 'clearance'; its fields are kind, thread",
+    ),
+    "a decimal comma": (
+        swap('length = "20 mm"', 'length = "20,5 mm"'),
+        "got '20,5 mm' (the decimal sign is a point)",
+    ),
+    "no identity": ('[[step_block]]\nheight = "5 um"', "id is missing"),
     "no tolerance": (swap('lane = "6 mm"', 'lane = "0.4 mm"'), "a tolerance must be stated"),
     "zero tolerance": (
         swap('tolerance = "1 um"', 'tolerance = "0 um"'),
@@ -192,3 +205,14 @@ def test_a_good_file_names_no_fault(tmp_path):
     for text in (GOOD, MARGIN, TIPS):
         path.write_text(text)
         assert load_set(path).stimuli
+
+
+def test_a_misspelt_kind_hides_no_mistake_of_the_stanzas_of_the_right_one(tmp_path, capsys):
+    path = tmp_path / "broken.toml"
+    path.write_text(
+        '[[step_block]]\nid = "one"\nheight = 13\n[[step_blok]]\nid = "two"\nheight = "13 N"\n'
+    )
+    assert main(["predict", str(path)]) == 2
+    error = capsys.readouterr().err
+    for part in ("did you mean step_block?", "got 13 (a number", "got '13 N'"):
+        assert part in error

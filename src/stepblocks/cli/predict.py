@@ -204,7 +204,7 @@ def _predict_sets(
     record = {"predictions": rows, **rings, "notes": notes}
     if output:
         replace_text(output, format_csv(rows))
-        summary = f"{output}: {len(rows)} predictions"
+        summary = _count_predictions(output, len(rows))
         return Outcome(summary, rings, notes=notes, record=record)
     columns: Sequence[str] = list(rows[0])
     if not wide:
@@ -332,7 +332,14 @@ def _predict_table(
         raise PipelineError(f"-o must name the CSV to write [{file}]")
     if model is not None:
         return _predict_trials(file, model, output, layout)
-    return Outcome(f"{output}: {len(predict_table(file, output, layout=layout))} predictions")
+    table = predict_table(file, output, layout=layout)
+    return Outcome(_count_predictions(output, len(table)))
+
+
+def _count_predictions(output: Path, count: int) -> str:
+    """Say how many predictions an output has."""
+    noun = "prediction" if count == 1 else "predictions"
+    return f"{output}: {count} {noun}"
 
 
 def _find_single_input(files: list[Path], model: Path | None) -> Path:

@@ -69,7 +69,8 @@ def expand_series(stanza: Mapping[str, object]) -> Iterator[dict[str, object]]:
         member = copy.deepcopy(dict(stanza))
         for path, nominal in zip(values_by_path, combination, strict=True):
             _set_nominal(member, path, nominal)
-        member["id"] = _fill_identity(member)
+        if "id" in member:
+            member["id"] = _fill_identity(member)
         yield member
 
 

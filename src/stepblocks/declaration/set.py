@@ -9,7 +9,7 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Self, TypeGuard
 
-from pydantic import FailFast, Field, ValidationError, create_model, model_validator
+from pydantic import FailFast, Field, InstanceOf, ValidationError, create_model, model_validator
 
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.contact.rod import RodRing
@@ -127,7 +127,7 @@ class StimulusSet(Table):
     source: Annotated[str, Field(max_length=500)] = ""
     prediction: PredictionGrid = PredictionGrid()
     # of entries that are no parts the first is enough: millions of mistakes fill the memory
-    stimuli: Annotated[tuple[Part, ...], FailFast()]
+    stimuli: Annotated[tuple[InstanceOf[Part], ...], FailFast()]
     order: OrderSpec = OrderSpec()
     probe: ProbeSpec | None = None
     damping_rig: DampingRig | None = None

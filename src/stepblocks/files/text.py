@@ -81,14 +81,28 @@ def read_document(
         size = measure_file_size(path)
         if size > most:
             raise raises(f"{what} must be at most {most} bytes, got {size} [{path}]")
-        return parse(decode_unicode(path.read_bytes()).replace("\r\n", "\n"))
+        raw = path.read_bytes()
+        return parse(decode_unicode(raw).replace("\r\n", "\n"))
     except OSError as error:
         reason = describe_system_error(error, path)
         raise raises(f"{what} cannot be read: {reason} [{path}]") from error
     except UnicodeDecodeError as error:
-        raise raises(f"{what} must be UTF-8 text: byte {error.start} is not [{path}]") from error
+        line = raw[: error.start].count(b"\n") + 1
+        byte = raw[error.start]
+        raise raises(
+            f"{what} must be UTF-8 text (save it with that encoding), got the byte "
+            f"0x{byte:02X}{_name_windows_letter(byte)} [{path}, line {line}]"
+        ) from error
     except ValueError as error:  # of either parser, and of whole numbers of thousands of digits
         reason = str(error).partition(";")[0]
         raise raises(f"{what} must be {form}: {reason} [{path}]") from error
     except RecursionError as error:
         raise raises(f"{what} must be {form} of reasonable depth [{path}]") from error
+
+
+def _name_windows_letter(byte: int) -> str:
+    """Return which letter a byte is in Windows-1252, in brackets; an empty text if none."""
+    letter = bytes([byte]).decode("cp1252", errors="ignore")
+    if not letter.isalpha():
+        return ""
+    return f" ({letter!r} in Windows-1252)"

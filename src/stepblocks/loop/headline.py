@@ -112,7 +112,13 @@ def _write_closing_lines(explanation: Explanation, record: LoopRecord) -> list[s
     change = errors.before
     if explanation.findings:
         change = f"{errors.before} before, {errors.after} after"
-    lines.append(f"the energy of new trials errs by {change}; noise alone leaves {errors.noise}")
+    sentence = f"the energy of new trials errs by {change}; noise alone leaves {errors.noise}"
+    if not explanation.findings and np.isnan(record.nominal.error.ln_energy_rms):
+        sentence = (
+            "too few trials to say by how much the energy of new trials errs; noise alone leaves "
+            f"{errors.noise}"
+        )
+    lines.append(sentence)
     return lines
 
 
