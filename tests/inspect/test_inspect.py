@@ -19,6 +19,7 @@ from oracles.softgauge import (
 )
 from stepblocks.cli import main
 from stepblocks.errors import MetrologyError
+from stepblocks.inspect.budget import Instrument
 from stepblocks.inspect.evaluation import EvaluationOptions
 from stepblocks.inspect.run import inspect_standard
 from stepblocks.records.as_built import (
@@ -226,7 +227,8 @@ def test_what_cannot_be_inspected_gives_one_line_and_exit_code_2(
         (
             None,
             ["--units", "furlong"],
-            "unit must be one of nm, \u00b5m, mm, m, or by axis as x=mm,z=um, got 'furlong'",
+            "unit must be one of nm, \u00b5m, mm, m, in, mil, uin, or by axis as x=mm,z=um, "
+            "got 'furlong'",
         ),
         (
             None,
@@ -326,3 +328,24 @@ def test_the_stylus_is_taken_off_a_corner_and_a_flank_as_steep_as_its_cone_is_sa
     radius, half = (float(word) for word in told.split("edge radius  ")[1].split()[:2])
     assert abs(radius - 4.0) < half
     assert "the stylus radius of 2 µm is taken off" in told
+
+
+@pytest.mark.parametrize("degrees", [3.0, 8.0])
+def test_the_interval_of_a_step_that_leans_holds_its_height_square_to_its_faces(degrees):
+    # parallel faces 50 um apart, turned by an angle a, are 50 um / cos(a) apart along z
+    angle = np.radians(degrees)
+    x = np.arange(-1000, 1000) * 1e-6
+    z = np.where(x > 0.0, 50e-6 / np.cos(angle), 0.0) + np.tan(angle) * x
+    z += np.random.default_rng(3).normal(0.0, 20e-9, len(x))
+    measured = inspect_standard((x, z), 50e-6, 1e-6, instrument=Instrument(0.0, 0.0, 0.0))
+    height = next(iter(measured.evaluation.values.values()))
+    assert abs(height.value - 50e-6) < height.expanded()
+    assert "tilt" in [component.name for component in height.components]
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"stylus_radius": -1e-6}, {"stylus_cone": 7.0}, {"exclusion": -1e-6}]
+)
+def test_what_no_stylus_and_no_exclusion_can_be_is_refused(wrong):
+    with pytest.raises(MetrologyError, match=r"(must|must not) .*, got"):
+        EvaluationOptions(**wrong)

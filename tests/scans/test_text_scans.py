@@ -16,6 +16,9 @@ from stepblocks.scans.scan import ScannedProfile, list_profiles
         ("0,1\n1,2\n2,3\n", "must name their unit"),
         ("x,z\n0,1\n1,2\n2,3\n", "must name its unit"),
         ("x_um,z_furlong\n0,1\n1,2\n2,3\n", "must name its unit"),
+        ("x [px],z [mV]\n0,1\n1,2\n2,3\n", r"unit of column 'x \[px\]' must be one of"),
+        ("x_um,z_um\n0,1\n1,2\n2,3\nx_um,z_um\n0,1\n", "must hold one table, got a second one"),
+        ("x_um,z_um\n0,1\n1,2\n2,3\n0,4\n1,5\n2,6\n", "second profile needs a file of its own"),
         ("x_um,z_um\n", "table of numbers"),
         ("nothing here\n", "table of numbers"),
         ("x_um,z_um\n0,1\n1,two\n", "line must hold 2 numbers"),
@@ -207,3 +210,29 @@ def test_rows_without_a_height_at_the_top_are_points_and_no_head(tmp_path, head)
     assert isinstance(profile, ScannedProfile)
     assert profile.position == pytest.approx([0.0, 1e-6, 2e-6, 3e-6, 4e-6])
     assert np.isfinite(profile.height).tolist() == [False, False, True, False, True]
+
+
+def test_inches_are_read_by_name_and_by_option(tmp_path):
+    path = tmp_path / "a.csv"
+    for header, unit in (("x [in],z [mil]", None), ("x,z", "x=in,z=mil")):
+        path.write_text(f"{header}\n0,1\n0.1,2\n0.2,3\n")
+        scan = read_scan(path, unit)
+        assert scan.position == pytest.approx([0.0, 2.54e-3, 5.08e-3])
+        assert scan.height == pytest.approx([25.4e-6, 50.8e-6, 76.2e-6])
+
+
+def test_a_matrix_with_its_positions_in_the_first_row_and_column_is_no_matrix_of_heights(tmp_path):
+    heights = np.random.default_rng(1).normal(size=(6, 8))
+    rows = [np.concatenate([[0.0], np.arange(8) * 0.5])]
+    rows += [np.concatenate([[0.5 * number], row]) for number, row in enumerate(heights)]
+    np.savetxt(tmp_path / "a.csv", rows, delimiter=";")
+    np.savetxt(tmp_path / "b.csv", heights, delimiter=";")
+    with pytest.raises(MetrologyError, match="a matrix must hold heights alone"):
+        read_scan(tmp_path / "a.csv", "x=0.5um,y=0.5um,z=nm")
+    assert read_scan(tmp_path / "b.csv", "x=0.5um,y=0.5um,z=nm").height.shape == (6, 8)
+
+
+def test_an_archive_is_to_be_unpacked(tmp_path):
+    (tmp_path / "a.csv.gz").write_bytes(b"\x1f\x8b\x08")
+    with pytest.raises(MetrologyError, match=r"unpacked from its archive, got '\.gz'"):
+        read_scan(tmp_path / "a.csv.gz")

@@ -150,6 +150,7 @@ def command(
         added = [option for option in common.values() if option.name not in signature.parameters]
         of_tables = inspect.signature(make_layout, eval_str=True).parameters
         reads_tables = _LAYOUT in signature.parameters
+        writes_folder = _takes_folder(signature.parameters.get("output"))
         if reads_tables:
             added = [*of_tables.values(), *added]
 
@@ -164,7 +165,8 @@ def command(
             if "quiet" in taken:  # JSON alone is printed, without a display of progress
                 taken["quiet"] = shown["quiet"] or shown["as_json"]
             outputs, inputs = _list_paths(values)
-            refuse_input_as_output(outputs, inputs)
+            if not writes_folder:
+                refuse_input_as_output(outputs, inputs)
             protected = protect_outputs(outputs, force=force)
             with collect_reading_notes() as notes, protected as written:
                 outcome = function(**taken)
@@ -189,6 +191,14 @@ def command(
         return function
 
     return register
+
+
+def _takes_folder(parameter: inspect.Parameter | None) -> bool:
+    """Tell whether an option takes a folder, which refuses a file in its place by itself."""
+    if parameter is None:
+        return False
+    declared = getattr(parameter.annotation, "__metadata__", ())
+    return any(getattr(entry, "metavar", None) == "DIR" for entry in declared)
 
 
 def _list_paths(values: Mapping[str, object]) -> tuple[list[Path], list[Path]]:

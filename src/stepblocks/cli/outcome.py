@@ -446,6 +446,11 @@ class _OutputGuard:
 def refuse_input_as_output(outputs: Sequence[Path], inputs: Sequence[Path]) -> None:
     """Refuse an output that would replace a file that the command reads, or another output.
 
+    Parameters
+    ----------
+    outputs, inputs : sequence of Path
+        Files to write, whether they are there or not, and what is read.
+
     Raises
     ------
     PipelineError

@@ -31,6 +31,8 @@ UNSTATED = "not stated"
 _NORMAL_95 = 1.959963984540054
 _NODES = 200  # of a rectangle over which a mean is taken
 _LEAST_VARIANCE = 1e-4  # of the variance of a rectangle, that all else has at least [1]
+# share of a height that a tilt leaves open, below which it is not stated [1]: 0.8 degrees
+_NEGLIGIBLE_TILT = 1e-4
 _LARGEST_RESOLUTION = 1e-3  # of an instrument that resolves a step at all [m]
 
 
@@ -50,6 +52,7 @@ class Source(StrEnum):
     PEAK = "peak"
     STYLUS_RADIUS = "stylus radius"
     DRIFT = "drift"
+    TILT = "tilt"
     AS_STATED = "as stated in the file"
 
 
@@ -318,6 +321,29 @@ def add_instrument_components(
     )
     components += [*others, resolution]
     return Measured(name, value, tuple(components))
+
+
+def list_tilt_components(height: float, slope: float) -> list[Component]:
+    """Return what the slope of the faces leaves open of a height along z; none if negligible.
+
+    Where the part leans by an angle a, its step is lower by the share 1 - cos(a); where the slope
+    is drift of the instrument, it is not. A scan does not tell which.
+
+    Parameters
+    ----------
+    height : float
+        Along z [m].
+    slope : float
+        Of the faces [1].
+    """
+    angle = math.atan(abs(slope))
+    share = 1.0 - math.cos(angle)
+    if not share > _NEGLIGIBLE_TILT:
+        return []
+    how = f"faces lean by {math.degrees(angle):.2g} degrees, height less 1 - cos, rectangular"
+    std = share * abs(height) / math.sqrt(3.0)
+    # not bounded: of the two causes the likelier one lies at the end of the rectangle
+    return [Component(Source.TILT, std, how=how)]
 
 
 def _make_scale_component(

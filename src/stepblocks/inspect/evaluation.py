@@ -1,14 +1,19 @@
 """What is asked of an evaluation of a scan, and what it returns."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, NoReturn
 
+from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Measured
 from stepblocks.inspect.layout import DeclaredLayout
 from stepblocks.inspect.noise import Array, Mask
 from stepblocks.inspect.notes import Note
+from stepblocks.quantities import format_quantity
 from stepblocks.scans.scan import ScannedProfile
+
+_LARGEST_STYLUS = 10e-3  # radius of a probe that scans a surface at all [m]
 
 
 class Window(NamedTuple):
@@ -88,6 +93,11 @@ class EvaluationOptions:
         90 deg are taken as possible (ISO 3274).
     layout : DeclaredLayout or None
         What the part has beside its working edge; `inspect_scan` takes it from the declaration.
+
+    Raises
+    ------
+    MetrologyError
+        If a length or an angle is one that nothing can have.
     """
 
     exclusion: float | None = None
@@ -100,6 +110,21 @@ class EvaluationOptions:
     stylus_radius: float | None = None
     stylus_cone: float | None = None
     layout: DeclaredLayout | None = None
+
+    def __post_init__(self) -> None:
+        radius = self.stylus_radius
+        if radius is not None and not 0.0 <= radius <= _LARGEST_STYLUS:
+            _refuse("stylus radius must be from 0 to 10 mm", radius, "length")
+        cone = self.stylus_cone
+        if cone is not None and not 0.0 <= cone < math.pi:
+            _refuse("stylus cone must be at least 0 and below 180 deg", cone, "angle")
+        if self.exclusion is not None and not self.exclusion >= 0.0:
+            _refuse("exclusion must not be negative", self.exclusion, "length")
+
+
+def _refuse(rule: str, value: float, dimension: str) -> NoReturn:
+    """Raise that a value breaks a rule."""
+    raise MetrologyError(f"{rule}, got {format_quantity(value, dimension)}")
 
 
 AS_FOUND = EvaluationOptions()

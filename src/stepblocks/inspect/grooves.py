@@ -19,6 +19,7 @@ from stepblocks.inspect.budget import (
     Source,
     add_instrument_components,
     average_profiles,
+    list_tilt_components,
 )
 from stepblocks.inspect.dots import measure_dots
 from stepblocks.inspect.evaluation import (
@@ -174,7 +175,8 @@ def _measure_by_rows(scan: ScannedProfile | HeightMap, asked: _Asked) -> Evaluat
     is_single_step = not np.isfinite(spans).all()  # steps have neither width nor pitch
     if is_single_step:
         _refuse_periodic_map(scan)
-    features = _average_each_feature(profiles, kind.features, asked)
+    slope = _find_slope(kept)
+    features = _average_each_feature(profiles, kind.features, slope, asked)
     if not is_single_step:
         _refuse_wrong_side(profiles, asked)
     average = partial(_average_features, asked.label, features, asked.instrument)
@@ -274,10 +276,21 @@ def _refuse_periodic_map(scan: ScannedProfile | HeightMap) -> None:
         )
 
 
+def _find_slope(kept: list[Measurement]) -> float:
+    """Find the usual slope [1] of what was fitted to profiles: that of most pairs of points."""
+    slopes = []
+    for measurement in kept:
+        rises = np.diff(measurement.result.fitted) / np.diff(measurement.item.position)
+        known = rises[np.isfinite(rises)]
+        if len(known) > 0:
+            slopes.append(float(np.median(known)))
+    return float(np.median(slopes)) if slopes else 0.0
+
+
 def _average_each_feature(
-    profiles: list[MeasuredProfile], count: int, asked: _Asked
+    profiles: list[MeasuredProfile], count: int, slope: float, asked: _Asked
 ) -> list[Measured]:
-    """Average the height of each feature over the profiles."""
+    """Average the height of each feature over the profiles, whose faces have a slope [1]."""
     averages = []
     for index in range(count):
         heights = []
@@ -292,7 +305,9 @@ def _average_each_feature(
         name = asked.label
         if count > 1:
             name = f"{asked.label} {index + 1}"
-        averages.append(average_profiles(name, heights, asked.instrument, [form]))
+        mean_height = float(np.mean([estimate.value for estimate in heights]))
+        components = [form, *list_tilt_components(mean_height, slope)]
+        averages.append(average_profiles(name, heights, asked.instrument, components))
     return averages
 
 

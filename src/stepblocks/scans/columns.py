@@ -10,6 +10,7 @@ from stepblocks.scans.text_table import NumberTable
 from stepblocks.scans.units import UNIT_PATTERN, UNITS_PER_METRE, StoredLength
 
 _UNIT_IN_NAME = re.compile(rf"(?:^|[\s_\[\(/,]){UNIT_PATTERN}[\]\)]?$")
+_UNKNOWN_UNIT = re.compile(r"[\[(][^\[\]()]+[\])]$")
 # Names of a column that only counts the points
 _COUNTERS = {"index", "#", "no", "no.", "nr", "n", "point", "points", "sample"}
 # How instruments begin the name of a column of an axis
@@ -225,5 +226,12 @@ def find_column_unit(
         return stated
     if table.unit is not None:
         return table.unit
+    if name is not None and _UNKNOWN_UNIT.search(name):
+        raise MetrologyError(
+            f"unit of column {name!r} must be one of nm, um, mm, m, in, mil, uin, or a unit must "
+            f"be given (--units um) [{table.source}]"
+        )
     rule = f"column {name!r} must name its unit" if name else "columns must name their unit"
-    raise MetrologyError(f"{rule} (x_um, z [nm], ...) or a unit must be given [{table.source}]")
+    raise MetrologyError(
+        f"{rule} (x_um, z [nm], ...) or a unit must be given (--units um) [{table.source}]"
+    )

@@ -22,6 +22,7 @@ from stepblocks.scans.scan import HeightMap, ScannedProfile
 Scan: TypeAlias = "str | Path | ScanInMemory"  # what is scanned
 
 _SIGNATURE_BYTES = 4
+_ARCHIVES = (".gz", ".zip", ".7z", ".tar", ".xz", ".bz2", ".rar")
 # What the reader of each ending calls the format
 FORMATS = {ending: reader.form for reader in READERS for ending in reader.endings}
 
@@ -202,5 +203,9 @@ def find_reader(path: Path) -> ScanReader:
     for reader in READERS:
         if ending in reader.endings and reader.claims(path):
             return reader
+    if ending in _ARCHIVES:
+        raise MetrologyError(
+            f"a scan must be unpacked from its archive, got {ending!r} [{path.name}]"
+        )
     known = ", ".join(FORMATS)
     raise MetrologyError(f"ending of a scan must be one of {known}, got {ending!r} [{path.name}]")

@@ -38,6 +38,8 @@ _MOST_BACKWARD = 0.1  # part of the points of a profile that may lie behind one 
 _SAMPLED_NUMBERS = 2000  # in which the last printed digit is looked for
 # Distance from equal steps, in last digits of the positions, that rounding explains [1]
 _ROUNDING = 0.75
+_LEAST_WITH_POSITIONS = 5  # rows and columns of a matrix that may hold positions, too
+_UNEQUAL = 0.05  # between steps of positions, over their mean [1]
 _SOURCE_OF_TABLE = "table.csv"
 
 
@@ -289,9 +291,13 @@ def _find_forward_points(x: Array, source: str) -> NDArray[np.bool_]:
         return np.ones(len(x), dtype=bool)
     backward = int((~forward).sum())
     if backward > _MOST_BACKWARD * len(x):
+        reason = ""
+        if int((np.diff(x) < 0.0).sum()) == 1:
+            reason = "; a second profile needs a file of its own"
+        share = backward / len(x)
         raise MetrologyError(
             f"positions must increase along the profile at all but {_MOST_BACKWARD:.0%} of its "
-            f"points, got {backward / len(x):.0%} that lie behind one before them [{source}]"
+            f"points, got {share:.0%} that lie behind one before them{reason} [{source}]"
         )
     return forward
 
@@ -317,6 +323,28 @@ def _moves_points(x: Array, even: Array) -> bool:
     return float(np.abs(even - x).max()) > 1e-9 * length
 
 
+def _refuse_positions_beside_heights(table: NumberTable) -> None:
+    """Refuse a matrix whose first row and first column are positions, unlike those beside them."""
+    values = table.values
+    if min(values.shape) < _LEAST_WITH_POSITIONS:
+        return
+    is_column_of_positions = _rises_by_equal_steps(values[1:, 0])
+    is_row_of_positions = _rises_by_equal_steps(values[0, 1:])
+    are_next_alike = _rises_by_equal_steps(values[1, 1:]) or _rises_by_equal_steps(values[1:, 1])
+    if is_column_of_positions and is_row_of_positions and not are_next_alike:
+        raise MetrologyError(
+            "a matrix must hold heights alone, got a first row and a first column that rise by "
+            f"equal steps, as positions do [{table.source}]"
+        )
+
+
+def _rises_by_equal_steps(numbers: Array) -> bool:
+    """Tell whether numbers, shape (n,), rise or fall by steps that are equal within rounding."""
+    steps = np.diff(numbers)
+    mean = float(steps.mean())
+    return bool(mean != 0.0 and np.abs(steps - mean).max() < _UNEQUAL * abs(mean))
+
+
 def _make_map_of_matrix(table: NumberTable, units: Mapping[str, StoredLength]) -> HeightMap:
     """Make a map of heights without a head, whose step and unit the user states."""
     steps_are_stated = all(axis in units and units[axis].is_step for axis in "xy")
@@ -326,6 +354,7 @@ def _make_map_of_matrix(table: NumberTable, units: Mapping[str, StoredLength]) -
             "heights, as x=0.5um,y=0.5um,z=nm (a table has 2 columns, x, z, or 3, x, y, z), got "
             f"{table.values.shape[1]} columns [{table.source}]"
         )
+    _refuse_positions_beside_heights(table)
     found = _find_missing_heights(table, table.values)
     heights = _Axis(None, found.values.ravel(), units["z"])
     notes = ["matrix with the spacing and unit given", *table.notes]

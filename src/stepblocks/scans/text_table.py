@@ -463,6 +463,11 @@ def _make_line_error(line: str, number: int, layout: _Layout, source: str) -> Me
     except csv.Error:
         fields = [line]
     wrong = [field for field in fields if notation.parse_numbers([field, "0"]) is None]
+    if wrong and len(fields) == layout.columns and all(map(_AXIS_NAME.match, fields)):
+        return MetrologyError(
+            f"a file must hold one table, got a second one with the columns {', '.join(fields)} "
+            f"[{source}, line {number}]"
+        )
     shown = ",".join(fields)[:_SHOWN_CHARACTERS]
     reason = ""
     if wrong:

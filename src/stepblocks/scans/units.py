@@ -29,6 +29,12 @@ UNITS_PER_METRE = {
     "angstrom": 1e10,
     "Å": 1e10,
     "\u212b": 1e10,
+    "in": 1.0 / 25.4e-3,
+    "inch": 1.0 / 25.4e-3,
+    "mil": 1.0 / 25.4e-6,
+    "uin": 1.0 / 25.4e-9,
+    "µin": 1.0 / 25.4e-9,
+    "μin": 1.0 / 25.4e-9,
 }
 # The longest first: an alternation takes the first that matches
 UNIT_PATTERN = "(" + "|".join(sorted(UNITS_PER_METRE, key=len, reverse=True)) + ")"
@@ -111,5 +117,5 @@ def parse_units(unit: str | None) -> dict[str, StoredLength]:
 def _make_unit_error(unit: str) -> MetrologyError:
     """Make the error of a unit that is not known."""
     return MetrologyError(
-        f"unit must be one of nm, um, mm, m, or by axis as x=mm,z=um, got {unit!r}"
+        f"unit must be one of nm, um, mm, m, in, mil, uin, or by axis as x=mm,z=um, got {unit!r}"
     )

@@ -15,6 +15,7 @@ from stepblocks.inspect.budget import (
     Source,
     add_instrument_components,
     average_profiles,
+    list_tilt_components,
 )
 from stepblocks.inspect.edge import (
     Edge,
@@ -303,7 +304,10 @@ def _average_height(crossed: CrossedEdges, instrument: Instrument) -> Measured:
         how="change with twice the exclusion, rectangular",
     )
     heights = [edge.height for edge in crossed.edges]
-    return average_profiles("step height", heights, instrument, [form])
+    slope = float(np.median([edge.tilt for edge in crossed.edges]))
+    height = float(np.mean([estimate.value for estimate in heights]))
+    components = [form, *list_tilt_components(height, slope)]
+    return average_profiles("step height", heights, instrument, components)
 
 
 def _estimate_form(crossed: CrossedEdges) -> float:
