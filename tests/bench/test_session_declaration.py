@@ -228,6 +228,7 @@ def test_all_mistakes_of_a_file_are_reported_at_once_those_of_its_calibration_to
 
 def test_patterns_are_filled_as_python_formats_numbers():
     assert fill_pattern("{trial}/run{trial:3d}.{trial:05d}", trial="-7") == "-7/run -7.-0007"
+    assert fill_pattern("{trial:04d}", trial="7.0") == "0007"  # as pandas writes it
     with pytest.raises(TraceError, match=r"no whole number, as \{trial:04d\} needs"):
         fill_pattern("{trial:04d}", trial="7b")
 

@@ -82,7 +82,7 @@ def test_a_jitter_of_the_clock_below_half_a_sample_is_no_gap():
 def test_the_rate_must_be_the_declared_one_to_a_hundredth(declared, passes):
     fault = screen_trace(whole(), declared)
     assert (fault is None) is passes
-    assert passes or str(fault).startswith("wrong rate: 10000 Hz, declared are")
+    assert passes or str(fault).startswith("wrong rate: 10000 Hz, where")
 
 
 def test_a_rate_that_cannot_show_the_ring_is_refused_though_it_is_the_declared_one():

@@ -170,6 +170,17 @@ def test_completion_knows_commands_and_options(shell, capsys):
     assert "estimates" in complete("stepblocks study design --experiment e")
 
 
+@pytest.mark.parametrize("name", ["Mein Satz ü.toml", "con.toml", "2nd.toml"])
+@pytest.mark.parametrize("kind", ["block", "study"])
+def test_a_file_to_begin_with_is_valid_whatever_its_name(tmp_path, monkeypatch, capsys, kind, name):
+    monkeypatch.chdir(tmp_path)
+    assert main(["new", kind, name]) == 0
+    command = capsys.readouterr().out.partition("then run: ")[2]
+    assert shlex.split(command)[-1] in (name, "out/study")
+    assert name in shlex.split(command)
+    assert main(["predict", name]) == 0
+
+
 @pytest.mark.parametrize("option", ["-o", "--perception"])
 def test_what_a_command_reads_is_never_replaced_by_what_it_writes(tmp_path, capsys, option):
     # not with --force either, and not where the file is as another command wrote it
@@ -261,7 +272,7 @@ def test_a_table_without_a_suffix_is_written_and_written_again(tmp_path, capsys)
     table.write_text("height_um,normal_load_n,friction\n25,0.5,0.15\n")
     for _ in range(2):
         assert main(["predict", str(table), "-o", str(tmp_path / "out" / "felt")]) == 0
-        assert "felt: 1 predictions" in capsys.readouterr().out
+        assert "felt: 1 prediction\n" in capsys.readouterr().out
     assert "vibration_energy_uj" in (tmp_path / "out" / "felt").read_text()
     (tmp_path / "out" / "felt").write_text("filled in by hand\n")
     assert main(["predict", str(table), "-o", str(tmp_path / "out" / "felt")]) == 2

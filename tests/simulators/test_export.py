@@ -244,6 +244,8 @@ def test_the_simulated_ring_stands_in_the_files_with_the_energy_of_the_formula(t
         (["--load", "-1 N"], "normal_load must be positive"),
         (["--friction", "slippery"], "--friction"),
         (["--scale", "0"], "scale must be positive"),
+        (["--scale", "0", "--device", "touch"], "scale must be positive"),
+        (["--step-height", "10 um"], "a step height is for the step under a tip"),
         (["--devices", "missing.toml"], "cannot be read"),
     ],
 )

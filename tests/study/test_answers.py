@@ -6,12 +6,14 @@ import csv
 import io
 from dataclasses import replace
 
+import pandas as pd
 import pytest
 
 from oracles.designs import compared, crossed, lined
 from stepblocks.errors import StudyError
 from stepblocks.files.tables import format_csv
 from stepblocks.study.analysis.judgements import join_answers
+from stepblocks.study.analysis.people import describe_unusual_participants
 from stepblocks.study.analysis.result_table import COLUMNS
 from stepblocks.study.design.blocks import Item
 from stepblocks.study.design.read import SheetRow, read_answers, read_design
@@ -122,6 +124,19 @@ def test_a_block_that_nobody_judged_is_refused(study):
     refused(design, answers, "at least one participant")
 
 
+def test_all_trials_that_stand_twice_are_counted(study):
+    design, answers = study
+    refused(design, [*answers, *answers[:3]], "must occur once, got .* twice, and 2 more")
+
+
+def test_names_and_estimates_that_are_likely_mistyped_are_said():
+    frame = pd.DataFrame({"participant": ["P 1", "p1", "P 2"], "height": [5e-5, 4e-5, 6e-5]})
+    frame["estimate"] = frame.height * 1e-3
+    remarks = describe_unusual_participants(frame, "estimate")
+    assert "Participants 'P 1' and 'p1' count as two: are they one person?" in remarks
+    assert any("is the unit of their column right?" in remark for remark in remarks)
+
+
 @pytest.mark.parametrize("value", ["0", "8", "2.5", "good"])
 def test_a_rating_off_its_scale_is_refused(value):
     design = crossed("virtual", 2, BLOCKS, 1, 1).trials
@@ -136,7 +151,7 @@ def test_a_rating_off_its_scale_is_refused(value):
         (lambda text: text.replace("estimate_um", "estimate"), "got no estimate_um"),
         (lambda text: text + "1,2\n", "must have 5 cells as the header"),
         (lambda text: text + "1,2,3,4,5,6\n", "must have 5 cells as the header"),
-        (lambda text: text.replace("code", "number"), "got no code"),
+        (lambda text: text.replace("code", "number"), "got no code, but .*number"),
         (lambda text: text + '"', "table must be a CSV: unexpected end of data"),
         (lambda text: text.encode() + b"\xff\x81", "text must be UTF-8, UTF-16 or Windows-1252"),
     ],

@@ -124,6 +124,14 @@ def test_a_damper_must_be_a_condition_of_the_design(folder):
         simulate_study(folder, FOUR, f"{folder}/answers.csv", seed=2, damping={"wood": 0.5})
 
 
+@pytest.mark.parametrize("share", [0.0, -0.5, math.nan])
+def test_a_damper_leaves_a_share_of_the_energy(folder, share):
+    output = Path(folder) / "wrong.csv"
+    with pytest.raises(PipelineError, match=r"damping must be positive and finite, got .* for soft"):
+        simulate_study(folder, FOUR, output, seed=2, damping={"soft": share})
+    assert not output.exists()
+
+
 def test_a_damped_probe_damps_both_blocks_of_a_pair(tmp_path):
     # Weber's law: a share of both energies leaves their ratio, and so every answer, as it was
     options = {"probes": ("bare", "soft"), "standard": "step-030", "participants": 2}

@@ -68,7 +68,7 @@ def count_outcomes(rows: Iterable[FeatureRow], table: TrialTable) -> OutcomeCoun
     if excluded.total() == table.count:
         ((heading, count),) = excluded.most_common(1)
         raise PipelineError(
-            f"no trial of {table.count} could be measured; {count} times "
+            f"no trial of {table.count} could be measured; {_count_times(count)} "
             f"{outcomes.examples[heading]} [{table.session.folder}]"
         )
     return outcomes
@@ -89,8 +89,17 @@ def list_notes(table: TrialTable, outcomes: OutcomeCounts, shared: Mapping[int, 
         notes.append(f"all trials have one {name}")
     notes += outcomes.list_notes()
     for group, count in Counter(shared.values()).items():
-        notes.append(f"{count} {group} are unlike their labels together and stay as data")
+        if count == 1:
+            one_of_group = group.replace("trials", "trial", 1)
+            notes.append(f"1 {one_of_group} is unlike its label and stays as data")
+        else:
+            notes.append(f"{count} {group} are unlike their labels together and stay as data")
     return notes
+
+
+def _count_times(count: int) -> str:
+    """Say how often something happened."""
+    return "once" if count == 1 else f"{count} times"
 
 
 def _find_constant_conditions(table: TrialTable) -> list[str]:

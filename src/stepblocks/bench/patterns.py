@@ -7,7 +7,8 @@ from stepblocks.bench.faults import FaultKind, TraceError
 from stepblocks.errors import BenchError
 
 _FIELD = re.compile(r"\{(?P<name>[a-z_]+)(?::(?P<zero>0?)(?P<width>\d{1,2})d)?\}")
-_WHOLE_NUMBER = re.compile(r"[+-]?\d{1,18}")
+# also as programs write a column of floats, such as 7.0
+_WHOLE_NUMBER = re.compile(r"([+-]?\d{1,18})(?:\.0{1,18})?")
 _DRIVE = re.compile(r"\s*[A-Za-z]:")
 
 
@@ -42,12 +43,13 @@ def fill_pattern(pattern: str, **values: str) -> str:
         value = values[name]
         if not width:
             return value
-        if not _WHOLE_NUMBER.fullmatch(value):
+        whole = _WHOLE_NUMBER.fullmatch(value)
+        if not whole:
             raise TraceError(
-                FaultKind.WITHOUT_HEADING,
+                FaultKind.MISSING,
                 f"{name} {value!r} is no whole number, as {match[0]} needs",
             )
-        return format(int(value), f"{match['zero']}{width}d")
+        return format(int(whole[1]), f"{match['zero']}{width}d")
 
     return _FIELD.sub(fill_field, pattern)
 

@@ -144,7 +144,8 @@ class Acquisition(Strict):
         """Refuse fields that contradict each other."""
         if self.trace_format is None:
             raise ValueError(
-                f"`acquisition.format` must be given, {self.traces!r} has no suffix that is known"
+                f"`acquisition.format` must be given ({', '.join(FORMATS)}), {self.traces!r} has "
+                "no suffix that is known"
             )
         if self.trace_format == "wav" and self.full_scale is None:
             raise ValueError(

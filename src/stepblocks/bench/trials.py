@@ -193,7 +193,7 @@ def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> Tri
     """
     table = _read_table(session)
     header = table.names
-    key = _find_trial_column(session, header, reserved)
+    key = _find_trial_column(session, table, reserved)
     rows = _scan_rows(table, header.index(key))
     if rows.count == 0:
         raise BenchError(f"table of trials has no rows [{session.table}]")
@@ -229,8 +229,9 @@ def _read_table(session: Session) -> TextTable:
     return table
 
 
-def _find_trial_column(session: Session, header: tuple[str, ...], reserved: frozenset[str]) -> str:
+def _find_trial_column(session: Session, table: TextTable, reserved: frozenset[str]) -> str:
     """Return the column of the trial's name; refuse a header with missing or reserved names."""
+    header = table.names
     columns = session.trials.columns
     mistakes: list[Mistake] = []
     key = None
@@ -244,7 +245,7 @@ def _find_trial_column(session: Session, header: tuple[str, ...], reserved: froz
         text = f"column `{name}` of the table of trials has a name that features use"
         mistakes.append(("", text))
     if mistakes or key is None:
-        raise BenchError(format_mistakes(mistakes, session.table))
+        raise BenchError(format_mistakes(mistakes, table.place))
     return key
 
 

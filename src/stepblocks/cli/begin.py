@@ -214,18 +214,29 @@ def _copy_shipped(folder: Path, *, force: bool) -> Outcome:
     )
 
 
+_STIMULI = ("block", "crown", "tip", "study")  # kinds that begin a stimulus file
+
+
 def compose_starter_file(kind: str, place: Path) -> tuple[str, str]:
     """Return the text of a file to begin with, and the command that takes it.
 
     Below it stands, commented out, what its kinds leave to their defaults.
     """
+    from stepblocks.declaration.read import suggest_set_name
     from stepblocks.declaration.set import list_kinds
+    from stepblocks.parts.declared import is_identity
 
     sections = Path(__file__).with_name("beginnings.txt").read_text(encoding="utf-8").split("==== ")
     (section,) = (text for text in sections if text.startswith(f"{kind}: "))
-    section = section.replace("{file}", str(place)).replace("{folder}", str(place))
+    written = str(place)
+    if " " in written:  # as every shell takes it
+        written = f'"{written}"'
+    section = section.replace("{file}", written).replace("{folder}", written)
     head, _, text = section.partition("\n")
     text, _, shown = text.partition("%usual ")
+    if kind in _STIMULI and not is_identity(place.stem):
+        name = suggest_set_name(place.stem)
+        text = text.replace("title = ", f'set = "{name}"\ntitle = ', 1)
     for name in shown.split():
         text += (
             f"# What a {name} leaves out; to change it for all of them, take the leading '# ' "

@@ -1,6 +1,7 @@
 """Read TOML files into validated stimulus sets, or say what is wrong and where."""
 
 import re
+import unicodedata
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TypeAlias
@@ -92,14 +93,27 @@ def _choose_set_name(path: Path, declared: object, mistakes: list[Mistake]) -> s
         return stem
     if isinstance(declared, str) and is_identity(declared):
         return declared
-    words = re.findall("[a-z0-9]+", path.stem.lower())
-    suggested = "-".join(words).lstrip("0123456789-")[:40].rstrip("-") or "mine"
+    suggested = suggest_set_name(path.stem)
     rule = "a set needs a name of lower-case words and digits joined by hyphens"
     got = f"the file is called {shorten_value(stem)}"
     if declared is not None:
         got = f"got {shorten_value(declared)}"
     advice = f'rename it to {suggested}.toml, or begin it with set = "{suggested}"'
     mistakes.append(("", f"{rule}, {got}: {advice}"))
+    return suggested
+
+
+def suggest_set_name(stem: str) -> str:
+    """Return a name that a set may have for the name of a file; ``"mine"`` where nothing is left.
+
+    >>> suggest_set_name("Blöcke v2"), suggest_set_name("con")
+    ('blocke-v2', 'mine')
+    """
+    plain = unicodedata.normalize("NFKD", stem.lower()).encode("ascii", "ignore").decode()
+    words = re.findall("[a-z0-9]+", plain)
+    suggested = "-".join(words).lstrip("0123456789-")[:40].rstrip("-")
+    if not is_identity(suggested):
+        return "mine"
     return suggested
 
 

@@ -342,7 +342,7 @@ def read_si_columns(
             usual = list(units)[: len(SUFFIXES[rule.dimension])]  # the first of its names
             mistakes.append(("", f"table must have a column {' or '.join(usual)}"))
     if mistakes:
-        file = place.file if isinstance(place, TextTable) else place
+        file = place.place if isinstance(place, TextTable) else place
         raise PipelineError(format_mistakes(mistakes, file))
     return found
 

@@ -140,6 +140,11 @@ class TextTable:
             return len(self.names)
         return len(self.rows[0])
 
+    @property
+    def place(self) -> str:
+        """The file, and the sheet of a workbook, for messages about the whole table."""
+        return f"{self.file}, {self.sheet}" if self.sheet else self.file
+
     def name_row(self, row: int, column: int | None = None) -> str:
         """Say where a row stands, counted from 0, or one of its cells: a line, or a cell's name."""
         if not self.sheet:

@@ -362,8 +362,9 @@ def describe_left_out(predictions: Iterable[Prediction]) -> list[str]:
     sentences = []
     for (status, limit), names in stimuli_beyond.items():
         distinct = ", ".join(dict.fromkeys(names))
+        rows = "row" if len(names) == 1 else "rows"
         sentences.append(
-            f"{status} ({limit:g} N), no energy, left out of every mean: {len(names)} rows of "
+            f"{status} ({limit:g} N), no energy, left out of every mean: {len(names)} {rows} of "
             f"{distinct}"
         )
     return sentences

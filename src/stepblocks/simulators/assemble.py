@@ -26,6 +26,7 @@ from stepblocks.parts.kinds.scanned_margin import ScannedMargin
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.shapes import Mesh, build_convex_pieces, build_solids, mesh_solid
 from stepblocks.records.model import LearnedModel
+from stepblocks.simulators.conditions import refuse_bad_scale
 from stepblocks.simulators.scene import Frame, Scene
 
 if TYPE_CHECKING:
@@ -98,8 +99,8 @@ def build_scene(
     full_scale: float = 0.0,
 ) -> Scene:
     """Build the scene of a contact: meshes, pieces and path, turned and magnified."""
-    if scale is not None and not (math.isfinite(scale) and scale > 0.0):
-        raise HapticsError(f"scale must be positive and finite, got {scale:g}")
+    if scale is not None:
+        refuse_bad_scale(scale)
     surface, point = contact.surface, contact.point
     plan = None
     magnification = scale or 1.0

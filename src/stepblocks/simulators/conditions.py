@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 
-from stepblocks.errors import PipelineError
+from stepblocks.errors import HapticsError, PipelineError
 
 OVERRIDES = ("normal_load", "friction", "ball_radius", "speed")
 
@@ -17,3 +17,9 @@ def refuse_bad_overrides(overrides: Mapping[str, object]) -> None:
         if not is_number or not math.isfinite(value):  # type: ignore[arg-type]
             shown = " ".join(repr(value).split())
             raise PipelineError(f"{name} must be a finite number in SI units, got {shown:.40}")
+
+
+def refuse_bad_scale(scale: float) -> None:
+    """Refuse a magnification that nothing can be drawn with."""
+    if not (math.isfinite(scale) and scale > 0.0):
+        raise HapticsError(f"scale must be positive and finite, got {scale:g}")

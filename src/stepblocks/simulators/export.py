@@ -11,7 +11,7 @@ from typing import Literal
 from stepblocks.declaration.read import Sets, load_sets
 from stepblocks.declaration.select import matches_pattern
 from stepblocks.declaration.set import StimulusSet, choose_operating_point
-from stepblocks.errors import PipelineError
+from stepblocks.errors import HapticsError, PipelineError
 from stepblocks.files.atomic import make_draft_folder, move_into_place, sync_folder
 from stepblocks.haptics.devices import (
     Device,
@@ -23,9 +23,10 @@ from stepblocks.haptics.devices import (
     require_renderable,
 )
 from stepblocks.parts.kind import Part
+from stepblocks.quantities import format_quantity
 from stepblocks.records.model import LearnedModel, read_model
 from stepblocks.simulators.assemble import Contact, build_scene, lay_out_teeth, resolve_contact
-from stepblocks.simulators.conditions import refuse_bad_overrides
+from stepblocks.simulators.conditions import refuse_bad_overrides, refuse_bad_scale
 from stepblocks.simulators.scene import (
     Scene,
     SceneFormat,
@@ -123,6 +124,8 @@ def export_scenes(
     if ring not in ("exponential", "drag"):
         raise PipelineError(f"--ring must be one of exponential, drag, got {ring!r}")
     refuse_bad_overrides(overrides)
+    if scale is not None:
+        refuse_bad_scale(scale)
     profiles = load_devices(devices)  # a missing file is named even where no device is asked for
     order = _Order(
         forms=forms,
@@ -132,10 +135,17 @@ def export_scenes(
     )
     learned = None if model is None else read_model(Path(model))
     batches = []
+    has_tip = False
     for declared, source in load_sets(files):
         stimuli = _split_edges(declared.keep_felt())
+        has_tip |= any(not part.crossed for part in stimuli.stimuli)
         contacts = _resolve_set(stimuli, learned, step_height, ring, overrides)
         batches.append(_gather_batch(stimuli, source, contacts, order))
+    if step_height is not None and not has_tip:
+        raise HapticsError(
+            "a step height is for the step under a tip: the sets declare none, got "
+            f"{format_quantity(step_height, 'length')}"
+        )
     if order.device is not None:
         require_renderable(_yield_plans(order.device, batches))
     exported: list[Exported] = []
@@ -294,7 +304,9 @@ def _resolve_set(
     overrides: dict[str, float],
 ) -> list[Contact]:
     """Resolve the contacts of all stimuli of a set, those that are not written as well."""
-    height = step_height or next(iter(stimuli.prediction.step_heights), None)
+    height = step_height
+    if height is None:
+        height = next(iter(stimuli.prediction.step_heights), None)
     contacts = []
     for part in stimuli.stimuli:
         contact = resolve_contact(

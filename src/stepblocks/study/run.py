@@ -404,6 +404,9 @@ def _check_conditions(option: str, named: Mapping[str, float], design: Sequence[
             f"{option} must name conditions of the design ({', '.join(sorted(known))}), got "
             f"{unknown[0]!r}"
         )
+    for name, factor in named.items():
+        if not (factor > 0.0 and math.isfinite(factor)):
+            raise PipelineError(f"{option} must be positive and finite, got {factor:g} for {name}")
 
 
 def analyse_study(

@@ -92,7 +92,7 @@ def _find_clock_fault(time: Array, sample_rate: float) -> TrialFault | None:
         return TrialFault(FaultKind.GAP, details)
     rate = compute_sample_rate(time)
     if abs(rate / sample_rate - 1.0) > RATE_TOLERANCE:
-        details = f"{rate:.6g} Hz, declared are {sample_rate:.6g} Hz"
+        details = f"{rate:.6g} Hz, where {sample_rate:.6g} Hz are declared"
         return TrialFault(FaultKind.WRONG_RATE, details)
     if rate < _LOWEST_RATE:
         details = f"{rate:.6g} Hz cannot show a ring, at least {_LOWEST_RATE:.0f} Hz are needed"

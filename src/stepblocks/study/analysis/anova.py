@@ -190,11 +190,22 @@ def _check_cells(data: Table, names: dict[str, str]) -> None:
         if levels < 2:
             raise StudyError(f"{name} must have at least two levels to be tested, got {levels}")
         cells *= levels
-    if len(data.groupby(list(names))) != cells:
-        combination = " and ".join((names["a"], names.get("b", "")))
+    counts = data.groupby(list(names)).size()
+    if len(counts) != cells:
+        combination = " and ".join(names.values())
+        lacking = _name_empty_cell(data, list(names))
         raise StudyError(
-            f"every combination of {combination} must have a judgement; at least one has none"
+            f"every combination of {combination} must have a judgement; {lacking} has none"
         )
+
+
+def _name_empty_cell(data: Table, factors: list[str]) -> str:
+    """Name the first combination of levels of factors, columns of `data`, without a judgement."""
+    found = set(data[factors].itertuples(index=False, name=None))
+    for cell in itertools.product(*(sorted(data[factor].unique()) for factor in factors)):
+        if cell not in found:
+            return " with ".join(map(str, cell))
+    return "none"
 
 
 def _fit_factors(

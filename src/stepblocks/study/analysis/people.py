@@ -15,6 +15,7 @@ _ROBUST = 1.4826  # standard deviations in a median absolute deviation of normal
 _NOBODY_ALONE = 0.98
 _DRAWS = 20_000  # studies by which that bound is found
 _FEWEST_OF_GROUP = 5  # participants of whom one may be alone
+_OTHER_SCALE = 100.0  # times the heights, from which estimates are of another unit
 _SWAPPED_FAR = 5.0  # robust standard deviations of a swapped difference from the others
 _SWAPPED_NEAR = 2.0  # ... and from theirs with its sign changed
 
@@ -36,7 +37,29 @@ def describe_unusual_participants(frame: Table, answer: str) -> list[str]:
         remarks += _describe_constant_or_falling_answers(name, judgements, answer)
         remarks += _describe_copies(name, judgements, answer)
         remarks += _describe_haste(name, judgements)
+    remarks += _describe_names_alike(list(means))
+    if answer == "estimate":
+        remarks += _describe_other_scale(frame)
     return remarks + _describe_distant_means(means)
+
+
+def _describe_names_alike(names: list[str]) -> Iterator[str]:
+    """Report names of participants that differ in case or blanks alone."""
+    first_by_letters: dict[str, str] = {}
+    for name in names:
+        letters = "".join(name.lower().split())
+        first = first_by_letters.setdefault(letters, name)
+        if first != name:
+            yield f"Participants {first!r} and {name!r} count as two: are they one person?"
+
+
+def _describe_other_scale(frame: Table) -> Iterator[str]:
+    """Report estimates that are of another order than the heights, as of another unit."""
+    ratio = float(np.median(frame["estimate"].to_numpy(float) / frame["height"].to_numpy(float)))
+    if not 1.0 / _OTHER_SCALE < ratio < _OTHER_SCALE:
+        yield (
+            f"Estimates are about {ratio:.2g} times the heights: is the unit of their column right?"
+        )
 
 
 def _describe_constant_or_falling_answers(

@@ -232,7 +232,8 @@ def read_rows(
     lacking = [name for name in columns if name not in table.names]
     if lacking:
         raise StudyError(
-            f"columns must include {', '.join(columns)}; got no {', '.join(lacking)} [{path}]"
+            f"columns must include {', '.join(columns)}; got no {', '.join(lacking)}, but "
+            f"{', '.join(table.names):.200} [{path}]"
         )
     if not table.rows and not may_be_empty:
         raise StudyError(f"a table must have rows, got none [{path}]")
@@ -292,12 +293,19 @@ def _format_number(cell: str, value: float, notation: NumberNotation) -> str:
 def index_by_trial(rows: Sequence[SheetRow]) -> dict[TrialKey, SheetRow]:
     """Return rows by their trials; refuse a trial that stands twice."""
     by_trial: dict[TrialKey, SheetRow] = {}
+    repeated = []
     for row in rows:
-        first = by_trial.get(row.key)
-        if first is not None:
-            raise StudyError(
-                f"participant and trial must occur once, got {row.key.participant!r} and "
-                f"{row.key.trial!r} twice [{row.place}; first {first.place}]"
-            )
-        by_trial[row.key] = row
+        if row.key in by_trial:
+            repeated.append(row)
+        else:
+            by_trial[row.key] = row
+    if repeated:
+        row = repeated[0]
+        others = ""
+        if len(repeated) > 1:
+            others = f", and {len(repeated) - 1} more"
+        raise StudyError(
+            f"participant and trial must occur once, got {row.key.participant!r} and "
+            f"{row.key.trial!r} twice{others} [{row.place}; first {by_trial[row.key].place}]"
+        )
     return by_trial
