@@ -127,7 +127,7 @@ def test_a_damper_must_be_a_condition_of_the_design(folder):
 @pytest.mark.parametrize("share", [0.0, -0.5, math.nan])
 def test_a_damper_leaves_a_share_of_the_energy(folder, share):
     output = Path(folder) / "wrong.csv"
-    with pytest.raises(PipelineError, match=r"damping must be positive and finite, got .* for soft"):
+    with pytest.raises(PipelineError, match=r"damping must be positive .* for soft"):
         simulate_study(folder, FOUR, output, seed=2, damping={"soft": share})
     assert not output.exists()
 
