@@ -201,7 +201,7 @@ def test_no_output_of_a_command_replaces_a_file_of_somebody_else(tmp_path, capsy
     assert "is not ours" in capsys.readouterr().err
     assert pairs.read_text() == "mine"
     assert main([*command, "-o", str(pairs), "--force"]) == 2
-    assert "two outputs must not have the same place" in capsys.readouterr().err
+    assert "--perception must be another file than --output" in capsys.readouterr().err
     assert main([*command, "--force"]) == 0
     assert main(command) == 0  # ours by now
 

@@ -24,8 +24,10 @@ from stepblocks.files.store import names_object_store
 
 Function = Callable[..., Outcome]
 
-# parameters that name what a command writes
-_OUTPUTS = ("output", "plot", "plots", "perception", "whole_record", "check")
+# parameters that name what a command writes; pictures in the folder of the last one have names of
+# their own and are drawn anew
+_OUTPUTS = ("output", "plot", "perception", "whole_record", "check")
+_PICTURES = "plots"
 _LAYOUT = "layout"  # parameter of a command that reads tables
 
 
@@ -167,7 +169,7 @@ def command(
             outputs, inputs = _list_paths(values)
             if not writes_folder:
                 refuse_input_as_output(outputs, inputs)
-            protected = protect_outputs(outputs, force=force)
+            protected = protect_outputs(list(outputs.values()), force=force)
             with collect_reading_notes() as notes, protected as written:
                 outcome = function(**taken)
                 written += outcome.kept
@@ -201,25 +203,27 @@ def _takes_folder(parameter: inspect.Parameter | None) -> bool:
     return any(getattr(entry, "metavar", None) == "DIR" for entry in declared)
 
 
-def _list_paths(values: Mapping[str, object]) -> tuple[list[Path], list[Path]]:
-    """List the places that a command writes to, and those that it reads from.
+def _list_paths(values: Mapping[str, object]) -> tuple[dict[str, Path], list[Path]]:
+    """List the places that a command writes to, by their options, and those that it reads from.
 
     Parameters
     ----------
     values : mapping
         The values of its options and arguments by their names.
     """
-    outputs: list[Path] = []
+    outputs: dict[str, Path] = {}
+    for name in _OUTPUTS:
+        value = values.get(name)
+        if name == "output" and isinstance(value, str) and not names_object_store(value):
+            value = Path(value)
+        if isinstance(value, Path):
+            outputs[f"--{name.replace('_', '-')}"] = value
     inputs: list[Path] = []
     for name, value in values.items():
+        if name in _OUTPUTS or name == _PICTURES:
+            continue
         paths = value if isinstance(value, list) else [value]
-        if name == "output" and isinstance(value, str) and not names_object_store(value):
-            paths = [Path(value)]
-        found = [path for path in paths if isinstance(path, Path)]
-        if name in _OUTPUTS:
-            outputs += found
-        else:
-            inputs += found
+        inputs += [path for path in paths if isinstance(path, Path)]
     return outputs, inputs
 
 

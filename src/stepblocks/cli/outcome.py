@@ -443,24 +443,28 @@ class _OutputGuard:
         _remember_written_files(folder, inside)
 
 
-def refuse_input_as_output(outputs: Sequence[Path], inputs: Sequence[Path]) -> None:
+def refuse_input_as_output(outputs: Mapping[str, Path], inputs: Sequence[Path]) -> None:
     """Refuse an output that would replace a file that the command reads, or another output.
 
     Parameters
     ----------
-    outputs, inputs : sequence of Path
-        Files to write, whether they are there or not, and what is read.
+    outputs : mapping of str to Path
+        Files to write by the options that name them, whether they are there or not.
+    inputs : sequence of Path
+        What is read.
 
     Raises
     ------
     PipelineError
         Also where the file is ours: what is read is never replaced by what is made of it.
     """
-    for number, output in enumerate(outputs):
+    option_by_place: dict[Path, str] = {}
+    for option, output in outputs.items():
         if any(_is_same_file(output, path) for path in inputs):
             raise PipelineError(f"output must not replace what the command reads [{output}]")
-        if output.resolve() in [path.resolve() for path in outputs[:number]]:
-            raise PipelineError(f"two outputs must not have the same place [{output}]")
+        first = option_by_place.setdefault(output.resolve(), option)
+        if first != option:
+            raise PipelineError(f"{option} must be another file than {first}, got {str(output)!r}")
 
 
 def _is_same_file(first: Path, second: Path) -> bool:

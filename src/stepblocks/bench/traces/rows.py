@@ -41,8 +41,8 @@ class TrialRow:
             return 1
         raise TraceError(
             FaultKind.WITHOUT_HEADING,
-            f"array {name!r} must have {self.count} rows, one for each trial of the table, it is "
-            f"{format_shape(shape)}",
+            f"array {name!r} is {format_shape(shape)}: of one row for each trial it has "
+            f"{self.count} rows, as many as the table of trials",
         )
 
     def select_samples(self, array: NDArray[np.generic], name: str | int) -> NDArray[np.generic]:

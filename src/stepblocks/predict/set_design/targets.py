@@ -122,8 +122,8 @@ def read_targets(
         ) from error
     if bool(listed) == spacing.is_asked_for:
         raise PipelineError(
-            "targets must be listed, or spaced from lowest with two of highest, number and apart; "
-            "give exactly one of these"
+            "targets must be listed, or spaced from lowest with two of highest, number and apart: "
+            "give one of both"
         )
     if not listed:
         return _space_targets(spacing, difference, tool)
