@@ -165,7 +165,7 @@ def measure(
     Reads a bench session and writes one row of features per trial, with standard uncertainties.
     Trials that cannot be measured stay in the table with status `excluded` and the reason.
     """
-    from stepblocks.bench.measure import write_features
+    from stepblocks.bench.measure import check_output, write_features
 
     if check is not None:
         if plots is not None or whole_record is not None:
@@ -174,7 +174,7 @@ def measure(
     if trials is not None and plots is None:
         raise PipelineError("--trials says which trials --plots draws: give --plots, too")
     if whole_record is not None:
-        _refuse_second_output(session, whole_record, output)
+        check_output(session, whole_record)
     summary = write_features(
         session,
         output,
@@ -212,17 +212,6 @@ def measure(
     return Outcome(
         f"{measured} of {summary.total} trials measured -> {output}", notes=notes, record=record
     )
-
-
-def _refuse_second_output(session: Path, whole_record: Path, output: Path) -> None:
-    """Refuse a file of whole records that cannot be written, or is that of the features."""
-    from stepblocks.bench.measure import check_output
-
-    check_output(session, whole_record)
-    if whole_record.resolve() == output.resolve():
-        raise PipelineError(
-            f"--whole-record must be another file than --output, got {str(whole_record)!r}"
-        )
 
 
 def _report_session_check(

@@ -136,13 +136,15 @@ def predict_ahead(
     for p in problem.model.parameters(problem.trials):
         of_laws = np.full(len(enlarged), values[p.name])
         columns[p.name] = np.append(points.get(p.name, ()), of_laws)
-    by_name = {law.effect.id: number for number, law in enumerate(enlarged, shifted)}
+    enlarged_by_id = {law.effect.id: law for law in enlarged}
+    point = shifted
     active: list[tuple[Law, Mapping[str, float | Floats]]] = []
     for effect in effects:
-        if effect.id in by_name:
-            point = by_name[effect.id]
-            active.append(enlarged[point - shifted].enlarge_at_point(values, point, count))
-        else:
+        law = enlarged_by_id.get(effect.id)
+        if law is None:
             active.append((effect, effect.pick_own_values(values)))
+        else:
+            active.append(law.enlarge_at_point(values, point, count))
+            point += 1
     predicted = problem.predict_stack(count, columns, active)
     return predicted[:shifted], predicted[shifted:]

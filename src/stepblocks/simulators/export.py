@@ -135,17 +135,12 @@ def export_scenes(
     )
     learned = None if model is None else read_model(Path(model))
     batches = []
-    has_tip = False
     for declared, source in load_sets(files):
         stimuli = _split_edges(declared.keep_felt())
-        has_tip |= any(not part.crossed for part in stimuli.stimuli)
         contacts = _resolve_set(stimuli, learned, step_height, ring, overrides)
         batches.append(_gather_batch(stimuli, source, contacts, order))
-    if step_height is not None and not has_tip:
-        raise HapticsError(
-            "a step height is for the step under a tip: the sets declare none, got "
-            f"{format_quantity(step_height, 'length')}"
-        )
+    if step_height is not None:
+        _refuse_idle_step_height(step_height, batches)
     if order.device is not None:
         require_renderable(_yield_plans(order.device, batches))
     exported: list[Exported] = []
@@ -187,6 +182,17 @@ def _split_edges(stimuli: StimulusSet) -> StimulusSet:
             f"{stimuli.name} has, got {', '.join(repeated)} twice"
         )
     return stimuli.with_parts(parts)
+
+
+def _refuse_idle_step_height(step_height: float, batches: "Sequence[_Batch]") -> None:
+    """Refuse the height of a step under a tip [m] where no set declares a tip."""
+    for batch in batches:
+        if any(not part.crossed for part in batch.stimuli.stimuli):
+            return
+    raise HapticsError(
+        "a step height is for the step under a tip: the sets declare none, got "
+        f"{format_quantity(step_height, 'length')}"
+    )
 
 
 def _refuse_empty_export(batches: "Sequence[_Batch]", only: str | None) -> None:
