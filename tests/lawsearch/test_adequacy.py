@@ -13,6 +13,7 @@ from stepblocks.lawsearch.adequacy import (
     compare_with_replicates,
     compute_smooth_p,
     find_largest_shares,
+    fit_without_each_channel,
 )
 from stepblocks.lawsearch.discrimination import rank_settings
 from stepblocks.lawsearch.explain import explain
@@ -255,7 +256,9 @@ def test_the_channel_that_an_effect_moves_carries_it_whatever_the_order_of_chann
             Scatter(np.array([0.04]), np.array([1e-4, 1e-4]), 80),
         ),
     )
-    trial, channel = find_largest_shares(problem, fit(problem), fit(problem, [_law_of(moved)]))
+    current = fit(problem, [_law_of(moved)])
+    without_channel = fit_without_each_channel(problem, current)
+    trial, channel = find_largest_shares(fit(problem), current, without_channel)
     assert channel == (seen_by, pytest.approx(1.0))
     assert trial == (7, pytest.approx(0.81 / (0.81 + 79 * 0.04), abs=2e-3))
 
@@ -267,7 +270,8 @@ def test_of_what_a_certificate_says_no_trial_has_a_share() -> None:
     law = _law_of(np.tile([1.0, 2.0], (120, 1)))
     base, current = fit(problem), fit(problem, [law])
     assert base.cost - current.cost == pytest.approx(100.0, rel=0.1)
-    (_, of_trial), (_, of_channel) = find_largest_shares(problem, base, current)
+    without_channel = fit_without_each_channel(problem, current)
+    (_, of_trial), (_, of_channel) = find_largest_shares(base, current, without_channel)
     assert of_trial < 0.03
     # the level is seen in both channels
     assert of_channel < 0.5

@@ -48,15 +48,20 @@ def test_a_fit_that_a_rival_leads_by_far_is_given_up_after_some_steps_and_no_oth
     problem = build_problem(Toy(), toy_trials(80, 1))
     bend = toy_effects()[0]
     jump = replace(bend, steps=(bend.parameters[0].name,))
-    # of what is left to be gained at its end, nothing, a lead is 30 more by a factor of 0.7: 42.9;
-    # where something changes at once, which a slope knows less of, by one of 0.4: 75
-    for effect, lead, steps in ((bend, 42.9, 1), (jump, 75.0, 3)):
+    # of what is left to be gained at its end, nothing, a lead is 15 more by a factor of 0.7: 21.4;
+    # where something changes at once, which a slope knows less of, by one of 0.4 at the second
+    # step: 37.5
+    for effect, lead, steps, steps_ahead in (
+        (bend, 21.4, 0, 5),
+        (jump, 37.5, 1, 2),
+        (jump, 21.4, 2, 5),
+    ):
         done = fit(problem, (effect,))
         ahead, far_ahead = (
-            Objective(problem, (effect,), done.cost - part * lead) for part in (0.99, 1.01)
+            Objective(problem, (effect,), done.criterion - part * lead) for part in (0.99, 1.01)
         )
         end = np.array([done.values[p.name] for p in ahead.parameters]) / ahead.scale
-        slopes = [one.jacobian(end) for one in (*(steps * [far_ahead]), *(5 * [ahead]))]
+        slopes = [one.jacobian(end) for one in (*(steps * [far_ahead]), *(steps_ahead * [ahead]))]
         assert np.array_equal(slopes[0], slopes[-1])
         with pytest.raises(HopelessFitError):
             far_ahead.jacobian(end)

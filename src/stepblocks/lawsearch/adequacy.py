@@ -92,7 +92,36 @@ class ReplicateTest:
     lack_of_fit_p_value: float
 
 
-def find_largest_shares(problem: Problem, base: Fit, current: Fit) -> LargestShares:
+@dataclass(frozen=True)
+class HiddenChannel:
+    """A fit that sees all channels but one.
+
+    Attributes
+    ----------
+    problem : Problem
+        Without the readings of the channel.
+    fitted : Fit
+        Of all effects.
+    """
+
+    problem: Problem
+    fitted: Fit
+
+
+def fit_without_each_channel(problem: Problem, current: Fit) -> list[HiddenChannel]:
+    """Fit the effects of a fit again without the readings of each channel."""
+    values = problem.trials.values
+    fits = []
+    for hidden in np.identity(len(values.T), dtype=np.bool_):
+        trials = replace(problem.trials, values=np.where(hidden, np.nan, values))
+        part = replace(problem, trials=trials).add_shared_errors(problem.common, current)
+        fits.append(HiddenChannel(part, fit(part, current.effects, current.values)))
+    return fits
+
+
+def find_largest_shares(
+    base: Fit, current: Fit, without_channel: Sequence[HiddenChannel]
+) -> LargestShares:
     """Find the trial with the largest share of a gain, and the channel without which most is lost.
 
     Both are shares of the whole gain, of which constants that come nearer to their certificates
@@ -101,23 +130,20 @@ def find_largest_shares(problem: Problem, base: Fit, current: Fit) -> LargestSha
 
     Parameters
     ----------
-    problem : Problem
     base : Fit
         Fit without an effect.
     current : Fit
         Fit with it.
+    without_channel : sequence of HiddenChannel
+        The latter without each channel; see `fit_without_each_channel`.
     """
-    values = problem.trials.values
     gain = max(base.cost - current.cost, 1e-12)
-    by_value = (base.residual**2 - current.residual**2).reshape(values.shape)
+    by_value = (base.residual**2 - current.residual**2).reshape(current.predicted.shape)
     by_trial = by_value.sum(axis=1)
     gain_without = []
-    for hidden in np.identity(len(values.T), dtype=np.bool_):
-        trials = replace(problem.trials, values=np.where(hidden, np.nan, values))
-        part = replace(problem, trials=trials).add_shared_errors(problem.common, current)
-        before = fit(part, base.effects, base.values)
-        after = fit(part, current.effects, current.values)
-        gain_without.append(before.cost - after.cost)
+    for hidden in without_channel:
+        without_effect = fit(hidden.problem, base.effects, base.values)
+        gain_without.append(without_effect.cost - hidden.fitted.cost)
     return LargestShares(
         trial=Share(int(np.argmax(by_trial)), float(by_trial.max()) / gain),
         channel=Share(int(np.argmin(gain_without)), 1.0 - min(gain_without) / gain),

@@ -13,7 +13,7 @@ from stepblocks.lawsearch.forward_model import Floats
 from stepblocks.lawsearch.gate import Gate, Score, score_candidates
 from stepblocks.lawsearch.law import Law
 from stepblocks.lawsearch.objective import HopelessFitError, is_hopeless
-from stepblocks.lawsearch.problem import Fit, Problem
+from stepblocks.lawsearch.problem import Fit, Problem, compute_price
 
 _EVALUATIONS = 25  # of the model in the fit of a candidate, at most
 _FIRST_STEP = 8.0  # of an amplitude, at most, in units of its scale
@@ -97,21 +97,23 @@ def choose_candidate(
         None where no candidate improves the criterion.
     """
     tried = list(known)
-    rival_cost = base.cost
+    rival = base.criterion
     for known_fit in known:
-        rival_cost = min(rival_cost, known_fit.cost)
+        rival = min(rival, known_fit.criterion)
     by_gain = sorted(_select_scores(opened.scores, most), key=lambda score: -score.gain)
     for coarse_score in by_gain:
         score = coarse_score
-        if not is_hopeless(_GAIN_BY_PLACE * score.gain, base.cost - rival_cost):
+        price = compute_price((*base.effects, score.effect), len(problem.trials))
+        lacking = base.cost + price - rival
+        if not is_hopeless(_GAIN_BY_PLACE * score.gain, lacking):
             score = _score_at_best_places(problem, base, score)
         # what gains far less to first order than another gained in full cannot lead
-        if is_hopeless(score.gain, base.cost - rival_cost):
+        if is_hopeless(score.gain, lacking):
             continue
-        fitted = _fit_candidate(problem, base, score, rival_cost)
+        fitted = _fit_candidate(problem, base, score, rival)
         if fitted is not None and not _is_at_bound(score.effect, fitted):
             tried.append(fitted)
-            rival_cost = min(rival_cost, fitted.cost)
+            rival = min(rival, fitted.criterion)
     tried.sort(key=lambda fitted: (fitted.criterion, fitted.effects[-1].rank))
     if not tried or tried[0].criterion >= base.criterion:
         return None
@@ -178,7 +180,7 @@ def _is_at_bound(effect: Law, fitted: Fit) -> bool:
 def _fit_candidate(problem: Problem, base: Fit, score: Score, rival: float) -> Fit | None:
     """Fit a candidate beside a base fit from where the first order has it.
 
-    The result is None where the fit fails, or stays far behind the cost of a rival.
+    The result is None where the fit fails, or stays far behind the criterion of a rival.
     """
     effect = score.effect
     step = np.clip(score.step, -_FIRST_STEP, _FIRST_STEP)
@@ -198,7 +200,7 @@ def _fit_candidate(problem: Problem, base: Fit, score: Score, rival: float) -> F
     try:
         found = fit(problem, (*base.effects, effect), start, _EVALUATIONS, rival)
         # a change that lies far behind at its likeliest place does not lead from another one
-        if effect.steps and not is_hopeless(0.0, found.cost - rival):
+        if effect.steps and not is_hopeless(0.0, found.criterion - rival):
             found = _try_further_places(problem, found, effect)
     except (np.linalg.LinAlgError, ValueError, FloatingPointError, HopelessFitError):
         return None
@@ -220,7 +222,7 @@ def _try_further_places(problem: Problem, found: Fit, effect: Law) -> Fit:
     fits = [found]
     for i in order[1:_PLACES_TRIED]:
         with suppress(HopelessFitError):
-            fits.append(fit(problem, found.effects, starts[i], _EVALUATIONS, found.cost))
+            fits.append(fit(problem, found.effects, starts[i], _EVALUATIONS, found.criterion))
     return min(fits, key=lambda fitted: fitted.criterion)
 
 

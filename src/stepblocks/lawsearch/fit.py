@@ -8,7 +8,11 @@ from scipy.optimize import OptimizeResult, least_squares
 from stepblocks.errors import PipelineError
 from stepblocks.lawsearch.forward_model import Floats, ForwardModel, Trials
 from stepblocks.lawsearch.law import Law, list_starts
-from stepblocks.lawsearch.objective import STEP, Objective, compute_linear_gain
+from stepblocks.lawsearch.objective import (
+    Objective,
+    compute_linear_gain,
+    find_free_directions,
+)
 from stepblocks.lawsearch.problem import Fit, Problem, build_noise_without_model
 from stepblocks.lawsearch.scatter import TRIALS_PER_SPECIMEN
 
@@ -40,7 +44,7 @@ def fit(
     evaluations : int
         Of the model, at most.
     rival : float
-        Cost of another fit; this one is given up where it stays far behind.
+        Criterion of another fit; this one is given up where it stays far behind.
 
     Raises
     ------
@@ -102,9 +106,7 @@ def _has_room_to_improve(solution: OptimizeResult, bounds: tuple[Floats, Floats]
 
     What presses against its bound stays there: a step over the bound promises what no fit can keep.
     """
-    low, high = bounds
-    way_down = np.where(solution.grad > 0.0, solution.x - low, high - solution.x)
-    is_free = way_down > STEP
+    is_free = find_free_directions(solution.x, solution.grad, bounds)
     return compute_linear_gain(solution.jac[:, is_free], solution.fun) > _LEAST_GAIN
 
 

@@ -5,7 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from stepblocks.lawsearch.adequacy import check_residuals, find_largest_shares
+from stepblocks.lawsearch.adequacy import (
+    HiddenChannel,
+    check_residuals,
+    find_largest_shares,
+    fit_without_each_channel,
+)
 from stepblocks.lawsearch.choice import Rival, select_likeliest
 from stepblocks.lawsearch.findings import (
     Doubt,
@@ -34,7 +39,7 @@ _WEAKEST_FIRST = (Verdict.AMBIGUOUS, Verdict.UNEXPLAINED, Verdict.EFFECT)
 def judge_search(found: SearchResult, candidates: Sequence[Law], rules: Rules) -> Explanation:
     """Judge every effect that a search has found, and the whole."""
     problem, current = found.problem, found.extended
-    findings = tuple(_judge_effect(found, law, candidates, rules) for law in current.effects)
+    findings = _judge_effects(found, candidates, rules)
     checks = check_residuals(problem, current)
     gate_is_open = found.last_gate_p <= rules.alpha
     verdicts = [finding.verdict for finding in findings]
@@ -77,8 +82,26 @@ def _withdraw_weak_findings(findings: Sequence[Finding], whole_gain: float) -> t
     return tuple(judged)
 
 
+def _judge_effects(
+    found: SearchResult, candidates: Sequence[Law], rules: Rules
+) -> tuple[Finding, ...]:
+    """Judge each effect that a search has found."""
+    current = found.extended
+    if not current.effects:
+        return ()
+    without_channel = fit_without_each_channel(found.problem, current)
+    findings = []
+    for law in current.effects:
+        findings.append(_judge_effect(found, law, without_channel, candidates, rules))
+    return tuple(findings)
+
+
 def _judge_effect(
-    found: SearchResult, effect: Law, candidates: Sequence[Law], rules: Rules
+    found: SearchResult,
+    effect: Law,
+    without_channel: Sequence[HiddenChannel],
+    candidates: Sequence[Law],
+    rules: Rules,
 ) -> Finding:
     """Judge one effect beside its rivals."""
     problem, current = found.problem, found.extended
@@ -100,7 +123,7 @@ def _judge_effect(
         verdict = Verdict.UNEXPLAINED
     if doubt is None and not effect.named and not effect.shape:
         doubt = Doubt.NO_LAW_FITS
-    shares = find_largest_shares(problem, base, current)
+    shares = find_largest_shares(base, current, without_channel)
     return Finding(
         effect=effect,
         verdict=verdict,

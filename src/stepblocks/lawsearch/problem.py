@@ -107,18 +107,28 @@ class Fit:
 
     @property
     def criterion(self) -> float:
-        """Cost plus ``p ln n``, less the evidence for the effects.
+        """Cost plus the price of the effects; the least of several fits is preferred."""
+        return self.cost + compute_price(self.effects, len(self.predicted))
 
-        ``p`` is the number of parameters of the effects. The place of a sudden change counts twice
-        (Zhang and Siegmund 2007).
-        """
-        count = 0
-        evidence = 0.0
-        for law in self.effects:
-            count += len(law.parameters) + len(law.steps)
-            evidence += law.evidence
-        penalty = float(np.log(len(self.predicted))) * count
-        return self.cost - evidence + penalty
+
+def compute_price(effects: Sequence[Law], trials: int) -> float:
+    """Compute what effects must save in cost: ``p ln n``, less the evidence for them.
+
+    ``p`` is the number of their parameters (Schwarz 1978, doi:10.1214/aos/1176344136). The place of
+    a sudden change counts twice (Zhang and Siegmund 2007).
+
+    Parameters
+    ----------
+    effects : sequence of Law
+    trials : int
+        n.
+    """
+    count = 0
+    evidence = 0.0
+    for law in effects:
+        count += len(law.parameters) + len(law.steps)
+        evidence += law.evidence
+    return float(np.log(trials)) * count - evidence
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from scipy import stats
 
-from stepblocks.lawsearch.adequacy import find_largest_shares
+from stepblocks.lawsearch.adequacy import find_largest_shares, fit_without_each_channel
 from stepblocks.lawsearch.findings import Explanation, Finding, Verdict
 from stepblocks.lawsearch.fit import fit, fit_without
 from stepblocks.lawsearch.law import Law
@@ -103,7 +103,8 @@ def _fix_heights_at_nominal(table: SessionTable, blocks: list[str]) -> SessionMo
 def _make_height_finding(problem: Problem, extended: Fit, law: Law, p_value: float) -> Finding:
     """Make the finding of an erroneous height of a block."""
     without = fit_without(problem, extended, law)
-    shares = find_largest_shares(problem, without, extended)
+    without_channel = fit_without_each_channel(problem, extended)
+    shares = find_largest_shares(without, extended, without_channel)
     return Finding(
         effect=law,
         verdict=Verdict.EFFECT,
