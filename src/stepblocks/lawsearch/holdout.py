@@ -168,10 +168,11 @@ def select_effects_without(
 
 @dataclass(frozen=True)
 class _Fold:
-    """Trials that are held out, and the problem of all others."""
+    """Trials that are held out, the problem of all others, and the laws they may show, by name."""
 
     rows: Rows
     problem: Problem
+    laws: Mapping[str, Law]
 
 
 class HeldOutPredictor:
@@ -207,7 +208,9 @@ class HeldOutPredictor:
 
     def _build_fold(self, rows: Rows) -> _Fold:
         """Build the problem of the trials that a fold leaves."""
-        return _Fold(rows, build_problem(self._model, select_other_trials(self._trials, rows)))
+        train = select_other_trials(self._trials, rows)
+        laws = {law.id: law for law in self._candidates(train)}
+        return _Fold(rows, build_problem(self._model, train), laws)
 
     def compute_errors(
         self,
@@ -251,7 +254,7 @@ class HeldOutPredictor:
         prior_shift: float,
     ) -> Floats:
         """Predict the trials that a fold holds out; see `compute_errors`."""
-        known = self._list_known_effects(fold.problem.trials, effects)
+        known = _list_known_effects(fold.laws, effects)
         held = [_hold_places(law, start or {}) for law in known]
         fitted = fit(fold.problem, held, start)
         test = self._trials.take(fold.rows)
@@ -263,20 +266,6 @@ class HeldOutPredictor:
                 starts[p.name] = p.start + prior_shift * p.prior_std
         ahead = Problem(self._model, test, fold.problem.noise)
         return ahead.predict(known, starts | fitted.values)
-
-    def _list_known_effects(self, trials: Trials, effects: Sequence[Law]) -> list[Law]:
-        """List the effects that a table can tell of, as laws of that table.
-
-        What differs by specimen is known of those alone that took part.
-        """
-        laws = {law.id: law for law in self._candidates(trials)}
-        known = []
-        for law in effects:
-            if law.id in laws:
-                known.append(laws[law.id])
-            elif law.covariate != "block":
-                known.append(law)
-        return known
 
     def find_open_values(self, nominal: Sequence[Floats]) -> list[NDArray[np.bool_]]:
         """Find the errors that the unknown of new specimens decides, and no model.
@@ -294,6 +283,26 @@ class HeldOutPredictor:
         for error, error_lowered, error_raised in zip(nominal, lowered, raised, strict=True):
             left_open.append(_find_open_values(error, error_lowered, error_raised))
         return left_open
+
+
+def _list_known_effects(laws: Mapping[str, Law], effects: Sequence[Law]) -> list[Law]:
+    """List the effects that the trials of a fold can tell of, as laws of these trials.
+
+    What differs by specimen is known of those alone that took part.
+
+    Parameters
+    ----------
+    laws : Mapping[str, Law]
+        Laws that these trials may show, by name.
+    effects : sequence of Law
+    """
+    known = []
+    for law in effects:
+        if law.id in laws:
+            known.append(laws[law.id])
+        elif law.covariate != "block":
+            known.append(law)
+    return known
 
 
 def _find_open_values(error: Floats, lowered: Floats, raised: Floats) -> NDArray[np.bool_]:
