@@ -23,6 +23,7 @@ from stepblocks.lawsearch.forward_model import Floats, Systematic, Trials
 from stepblocks.lawsearch.gate import Gate, score_candidates
 from stepblocks.lawsearch.holdout import (
     Holdout,
+    build_folds,
     select_effects_without,
     split_by_block,
     split_within_blocks,
@@ -218,13 +219,11 @@ def test_the_same_data_give_the_same_answer() -> None:
 
 def test_held_out_error_falls_to_the_scatter_once_the_effect_is_in() -> None:
     trials = toy_trials(160, 7, square=0.8)
-    folds = split_within_blocks(trials, 4)
     found = explain(Toy(), trials, toy_effects(), _RULES)
+    folds = build_folds(found.problem, split_within_blocks(trials, 4))
     selected = [
-        select_effects_without(
-            Toy(), trials, rows, lambda _: toy_effects(), _RULES, found.extended.values
-        )
-        for rows in folds
+        select_effects_without(fold, lambda _: toy_effects(), _RULES, found.extended.values)
+        for fold in folds
     ]
     _, (errors,) = choose_delivered_effects(found, (folds,), lambda _: toy_effects())
     outcome = Holdout(*errors, tuple(selected))
@@ -256,9 +255,11 @@ def test_a_fold_that_cannot_tell_two_effects_apart_does_not_contradict_the_whole
         trials, covariates=columns, values=trials.values + jump[:, None] * np.array([1.0, 2.0])
     )
     laws = [step("w"), step("z")]
-    whole = fit(build_problem(Toy(), seen), [laws[1]]).values
-    assert select_effects_without(Toy(), seen, rows, lambda _: laws, _RULES, whole) == (said,)
-    assert select_effects_without(Toy(), seen, rows, lambda _: laws, _RULES, {}) == ("by_w",)
+    problem = build_problem(Toy(), seen)
+    whole = fit(problem, [laws[1]]).values
+    (fold,) = build_folds(problem, [rows])
+    assert select_effects_without(fold, lambda _: laws, _RULES, whole) == (said,)
+    assert select_effects_without(fold, lambda _: laws, _RULES, {}) == ("by_w",)
 
 
 @pytest.mark.parametrize(
@@ -295,8 +296,9 @@ def test_what_raises_a_held_out_error_is_named_and_not_delivered(
     turned[rows] = -rise * np.stack([trials.covariates["z"] ** 2] * 2, axis=1)[rows] * [1.0, 2.0]
     changed = replace(trials, values=trials.values + turned)
     problem = replace(found.problem, trials=changed)
+    folds = build_folds(problem, [rows])
     delivered, ((nominal, extended, _),) = choose_delivered_effects(
-        replace(found, problem=problem), ([rows],), lambda _: toy_effects()
+        replace(found, problem=problem), (folds,), lambda _: toy_effects()
     )
     assert np.mean(extended[rows] ** 2) <= np.mean(nominal[rows] ** 2)
     assert [f.effect.id for f in delivered.findings] == ["square_of_z"] * (rise == 0.0)
@@ -336,8 +338,9 @@ def test_a_rise_that_no_figure_shows_or_trials_share_takes_no_claim_back(
         findings=(Finding(law, Verdict.EFFECT, 0.001, 100.0),),
         verdict=Verdict.EFFECT,
     )
+    folds = build_folds(found.problem, [rows])
     delivered, ((nominal, extended, _),) = choose_delivered_effects(
-        found, ([rows],), lambda _: [law]
+        found, (folds,), lambda _: [law]
     )
     assert delivered.verdict is (Verdict.EFFECT if kept else Verdict.UNEXPLAINED)
     ratio = np.sqrt(np.mean(extended[rows] ** 2) / np.mean(nominal[rows] ** 2))
@@ -375,7 +378,7 @@ def test_what_changed_at_a_trial_is_judged_there_whatever_its_size_in_a_fold(beg
     start = replace(whole, values=whole.values | {"jump.size": begin})
     nothing = explain(Toy(), trials, (), _RULES)
     found = replace(nothing, extended=start, findings=(Finding(law, Verdict.EFFECT, 0.001, 100.0),))
-    folds = split_within_blocks(trials, 4)
+    folds = build_folds(found.problem, split_within_blocks(trials, 4))
     _, ((_, extended, _),) = choose_delivered_effects(found, (folds,), lambda _: [law])
     assert np.sqrt(np.mean(extended[:, 0] ** 2)) == pytest.approx(np.hypot(0.1, 0.05), rel=0.1)
 

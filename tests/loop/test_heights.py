@@ -13,7 +13,7 @@ from oracles.features_file import features_of
 from stepblocks.lawsearch.claims import choose_delivered_effects
 from stepblocks.lawsearch.explain import explain
 from stepblocks.lawsearch.findings import Rules, Verdict
-from stepblocks.lawsearch.holdout import split_by_block
+from stepblocks.lawsearch.holdout import build_folds, split_by_block
 from stepblocks.loop.heights import add_height_findings
 from stepblocks.loop.run import analyse_features
 from stepblocks.loop.session_table import build_session_table
@@ -121,7 +121,7 @@ def test_what_a_micrometre_of_a_block_decides_is_no_error_of_the_model(scanned):
     own, seen = table.trials.block == "step-080", table.trials.seen[:, 0]
     assert own.sum() == np.sum(own & seen) == 14
     nothing = explain(table.model, table.trials, [], _RULES)
-    folds = split_by_block(table.trials, 8)
+    folds = build_folds(nothing.problem, split_by_block(table.trials, 8))
     _, ((nominal, extended, left_open),) = choose_delivered_effects(nothing, (folds,), lambda _: [])
     np.testing.assert_array_equal(left_open[:, 0], own & (not scanned))
     for errors in (nominal, extended):

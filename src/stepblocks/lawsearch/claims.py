@@ -11,10 +11,10 @@ from stepblocks.lawsearch.findings import Doubt, Explanation, Finding, Verdict, 
 from stepblocks.lawsearch.fit import fit
 from stepblocks.lawsearch.forward_model import Floats
 from stepblocks.lawsearch.holdout import (
+    Fold,
     HeldOutErrors,
     HeldOutPredictor,
     ListCandidates,
-    Rows,
 )
 from stepblocks.lawsearch.law import Law, collect_ids, remove_variant_mark
 from stepblocks.lawsearch.noise import Noise
@@ -125,7 +125,7 @@ def _withdraw_all(findings: Sequence[Finding], reason: str) -> tuple[Finding, ..
 
 
 def choose_delivered_effects(
-    explanation: Explanation, ways: Sequence[Sequence[Rows]], candidates: ListCandidates
+    explanation: Explanation, ways: Sequence[Sequence[Fold]], candidates: ListCandidates
 ) -> tuple[Explanation, list[HeldOutErrors]]:
     """Predict held-out trials with the model that is delivered, and deliver nothing that is worse.
 
@@ -133,8 +133,8 @@ def choose_delivered_effects(
     ----------
     explanation : Explanation
         What all trials say.
-    ways : sequence of sequences of rows
-        For each way of holding out, the rows of each fold; first the way that leaves trials of
+    ways : sequence of sequences of Fold
+        The folds of each way of holding out; first the way that leaves trials of
         every specimen in.
     candidates : callable
         Effects that may be asked of a table: one of a specimen that a fold never saw is not.

@@ -8,6 +8,7 @@ import pandas as pd
 
 from stepblocks.lawsearch.adequacy import depends_on_settings
 from stepblocks.lawsearch.findings import BadTrial, Explanation, Rules
+from stepblocks.lawsearch.fit import build_problem
 from stepblocks.lawsearch.forward_model import ForwardModel, Trials
 from stepblocks.lawsearch.judge import judge_search
 from stepblocks.lawsearch.law import Law
@@ -59,7 +60,8 @@ def explain(
     if not isinstance(trials, Trials):
         trials = Trials.from_table(trials)
     trials, wild_rows = _leave_out_wild_readings(trials, rules.wild)
-    found = search_effects_and_structure(model, trials, candidates, rules, deployed, announce)
+    problem = build_problem(model, trials)
+    found = search_effects_and_structure(problem, candidates, rules, deployed, announce)
     apart: dict[int, float] = {}
     for _ in range(_ROUNDS):
         chance = find_bad_trials(found.problem, found.extended).chance
@@ -71,7 +73,8 @@ def explain(
             break
         apart |= dict(zip(bad.tolist(), chance[bad].tolist(), strict=True))
         trials = trials.without(list(apart))
-        found = search_effects_and_structure(model, trials, candidates, rules, deployed, announce)
+        problem = build_problem(model, trials)
+        found = search_effects_and_structure(problem, candidates, rules, deployed, announce)
     explanation = judge_search(found, candidates, rules)
     for row in wild_rows:
         apart.setdefault(row, 1.0)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from stepblocks.lawsearch.findings import Rules
 from stepblocks.lawsearch.fit import build_problem, fit
-from stepblocks.lawsearch.forward_model import Floats, ForwardModel, Trials
+from stepblocks.lawsearch.forward_model import Floats, Trials
 from stepblocks.lawsearch.law import Law
 from stepblocks.lawsearch.problem import Fit, Problem
 from stepblocks.lawsearch.search import search_effects_and_structure
@@ -119,18 +120,42 @@ def split_by_block(trials: Trials, most_folds: int) -> list[Rows]:
     return _list_rows_of_folds(number % most_folds, folds)
 
 
-def select_other_trials(trials: Trials, rows: Rows) -> Trials:
-    """Return the trials that a fold leaves: all but those in `rows`."""
-    return trials.take(np.setdiff1d(np.arange(len(trials)), rows))
+@dataclass(frozen=True)
+class Fold:
+    """Trials that are held out, and the problem of all others.
+
+    Attributes
+    ----------
+    rows : array of int
+        Those held out, among all trials.
+    problem : Problem
+        Of all others.
+    """
+
+    rows: Rows
+    problem: Problem
+
+
+def build_folds(whole: Problem, rows_of_folds: Sequence[Rows]) -> list[Fold]:
+    """Build folds, each with the problem of the trials that it leaves.
+
+    Parameters
+    ----------
+    whole : Problem
+        Of all trials.
+    rows_of_folds : sequence of arrays of int
+        The trials that each fold holds out.
+    """
+    folds = []
+    for rows in rows_of_folds:
+        others = np.setdiff1d(np.arange(len(whole.trials)), rows)
+        problem = build_problem(whole.model, whole.trials.take(others))
+        folds.append(Fold(rows, problem))
+    return folds
 
 
 def select_effects_without(
-    model: ForwardModel,
-    trials: Trials,
-    rows: Rows,
-    candidates: ListCandidates,
-    rules: Rules,
-    values: Mapping[str, float],
+    fold: Fold, candidates: ListCandidates, rules: Rules, values: Mapping[str, float]
 ) -> tuple[str, ...]:
     """Name the effects that a search chooses without the trials of one fold.
 
@@ -139,20 +164,15 @@ def select_effects_without(
 
     Parameters
     ----------
-    model : ForwardModel
-    trials : Trials
-        All trials.
-    rows : array of int
-        Those held out.
+    fold : Fold
     candidates : callable
         Effects that may be asked of a table.
     rules : Rules
     values : Mapping[str, float]
         Values of the fit of all trials.
     """
-    train = select_other_trials(trials, rows)
-    laws = candidates(train)
-    found = search_effects_and_structure(model, train, laws, rules)
+    laws = candidates(fold.problem.trials)
+    found = search_effects_and_structure(fold.problem, laws, rules)
     chosen = tuple(law.id for law in found.extended.effects)
     of_all_trials = {}
     for law in laws:
@@ -166,15 +186,6 @@ def select_effects_without(
     return chosen
 
 
-@dataclass(frozen=True)
-class _Fold:
-    """Trials that are held out, the problem of all others, and the laws they may show, by name."""
-
-    rows: Rows
-    problem: Problem
-    laws: Mapping[str, Law]
-
-
 class HeldOutPredictor:
     """Predicts held-out trials with models whose numbers are fitted without them.
 
@@ -184,8 +195,8 @@ class HeldOutPredictor:
         Of all trials.
     nominal : Fit
         Of all trials, without effects.
-    ways : sequence of sequences of rows
-        For each way of holding out, the rows of each fold.
+    ways : sequence of sequences of Fold
+        The folds of each way of holding out.
     candidates : callable
         Effects that may be asked of a table: one of a specimen that a fold never saw is not.
     """
@@ -194,23 +205,16 @@ class HeldOutPredictor:
         self,
         problem: Problem,
         nominal: Fit,
-        ways: Sequence[Sequence[Rows]],
+        ways: Sequence[Sequence[Fold]],
         candidates: ListCandidates,
     ) -> None:
         self._problem = problem
         self._nominal = nominal
         self._model = problem.model
         self._trials = problem.trials
-        self._candidates = candidates
-        self._ways: list[list[_Fold]] = []
-        for rows_of_folds in ways:
-            self._ways.append(list(map(self._build_fold, rows_of_folds)))
-
-    def _build_fold(self, rows: Rows) -> _Fold:
-        """Build the problem of the trials that a fold leaves."""
-        train = select_other_trials(self._trials, rows)
-        laws = {law.id: law for law in self._candidates(train)}
-        return _Fold(rows, build_problem(self._model, train), laws)
+        self._ways: list[list[_FoldWithLaws]] = []
+        for folds in ways:
+            self._ways.append([_FoldWithLaws(fold, candidates) for fold in folds])
 
     def compute_errors(
         self,
@@ -237,9 +241,10 @@ class HeldOutPredictor:
         errors = []
         for folds in self._ways:
             error = np.full(self._trials.values.shape, np.nan)
-            for fold in folds:
-                predicted = self._predict_fold(fold, effects, start, prior_shift)
-                error[fold.rows] = self._trials.values[fold.rows] - predicted
+            for with_laws in folds:
+                rows = with_laws.fold.rows
+                predicted = self._predict_fold(with_laws, effects, start, prior_shift)
+                error[rows] = self._trials.values[rows] - predicted
             errors.append(error)
         whole = self._nominal
         if effects:
@@ -248,13 +253,14 @@ class HeldOutPredictor:
 
     def _predict_fold(
         self,
-        fold: _Fold,
+        with_laws: "_FoldWithLaws",
         effects: Sequence[Law],
         start: Mapping[str, float] | None,
         prior_shift: float,
     ) -> Floats:
         """Predict the trials that a fold holds out; see `compute_errors`."""
-        known = _list_known_effects(fold.laws, effects)
+        fold = with_laws.fold
+        known = _list_known_effects(with_laws.laws, effects)
         held = [_hold_places(law, start or {}) for law in known]
         fitted = fit(fold.problem, held, start)
         test = self._trials.take(fold.rows)
@@ -283,6 +289,19 @@ class HeldOutPredictor:
         for error, error_lowered, error_raised in zip(nominal, lowered, raised, strict=True):
             left_open.append(_find_open_values(error, error_lowered, error_raised))
         return left_open
+
+
+class _FoldWithLaws:
+    """A fold, and the laws that the trials it leaves may show, listed when they are asked for."""
+
+    def __init__(self, fold: Fold, candidates: ListCandidates) -> None:
+        self.fold = fold
+        self._candidates = candidates
+
+    @cached_property
+    def laws(self) -> Mapping[str, Law]:
+        """Laws by their names."""
+        return {law.id: law for law in self._candidates(self.fold.problem.trials)}
 
 
 def _list_known_effects(laws: Mapping[str, Law], effects: Sequence[Law]) -> list[Law]:

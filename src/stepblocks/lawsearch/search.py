@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 
 from stepblocks.lawsearch.choice import Choice, choose_candidate
 from stepblocks.lawsearch.findings import Rules, SearchResult
-from stepblocks.lawsearch.fit import build_problem, fit, fit_without
-from stepblocks.lawsearch.forward_model import ForwardModel, Trials
+from stepblocks.lawsearch.fit import fit, fit_without
 from stepblocks.lawsearch.gate import score_candidates
 from stepblocks.lawsearch.law import Law
 from stepblocks.lawsearch.problem import Fit, Problem
@@ -53,8 +52,7 @@ class ResidualStructure:
 
 
 def search_effects_and_structure(
-    model: ForwardModel,
-    trials: Trials,
+    problem: Problem,
     candidates: Sequence[Law],
     rules: Rules,
     deployed: DeployedError | None = None,
@@ -67,8 +65,7 @@ def search_effects_and_structure(
 
     Parameters
     ----------
-    model : ForwardModel
-    trials : Trials
+    problem : Problem
     candidates : sequence of Law
     rules : Rules
     deployed : callable, optional
@@ -76,7 +73,6 @@ def search_effects_and_structure(
     announce : callable, optional
         Receives what is tried, in words.
     """
-    problem = build_problem(model, trials)
     found = search_effects(problem, candidates, rules, deployed, announce)
     structure = find_residual_structure(found)
     jumping = _list_jumping_quantities(found)

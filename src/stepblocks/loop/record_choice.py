@@ -5,7 +5,7 @@ import pandas as pd
 
 from stepblocks.lawsearch.fit import build_problem, fit
 from stepblocks.lawsearch.forward_model import Floats
-from stepblocks.lawsearch.holdout import HeldOutPredictor, split_within_blocks
+from stepblocks.lawsearch.holdout import HeldOutPredictor, build_folds, split_within_blocks
 from stepblocks.loop.channels import ENERGY, PEAK_FORCE
 from stepblocks.loop.record import HeldOutPair, RecordChoice
 from stepblocks.loop.result import LoopResult
@@ -56,7 +56,7 @@ def _predict_held_out(result: LoopResult, table: SessionTable, seed: int) -> pd.
     extended = result.found.extended
     trials = table.trials
     problem = build_problem(table.model, trials)
-    folds = split_within_blocks(trials, _FOLDS, seed)
+    folds = build_folds(problem, split_within_blocks(trials, _FOLDS, seed))
     candidates = table.model.candidates
     predictor = HeldOutPredictor(problem, fit(problem, ()), [folds], candidates)
     errors: Floats = predictor.compute_errors(extended.effects, extended.values)[0]

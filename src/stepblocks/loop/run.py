@@ -26,8 +26,10 @@ from stepblocks.lawsearch.claims import (
 from stepblocks.lawsearch.explain import explain
 from stepblocks.lawsearch.findings import Explanation, Rules
 from stepblocks.lawsearch.holdout import (
+    Fold,
     Holdout,
     Rows,
+    build_folds,
     select_effects_without,
     split_by_block,
     split_within_blocks,
@@ -429,17 +431,22 @@ def _explain_and_hold_out(
     Every fold chooses its own effects.
     """
     model, trials = table.model, table.trials
-    inside = _keep_large_folds(table, split_within_blocks(trials, _FOLDS_WITHIN, rules.seed))
-    outside: list[Rows] = []
+    rows_inside = _keep_large_folds(table, split_within_blocks(trials, _FOLDS_WITHIN, rules.seed))
+    rows_outside: list[Rows] = []
     if len(set(trials.block.tolist())) >= _FEWEST_BLOCKS:
-        outside = _keep_large_folds(table, split_by_block(trials, _FOLDS_BETWEEN))
+        rows_outside = _keep_large_folds(table, split_by_block(trials, _FOLDS_BETWEEN))
     # where tips stick no law is claimed, whatever parts of the trials would choose
     hints = find_regime_hints(table)
-    folds = [] if hints else [*inside, *outside]
+    searches = 1
+    if not hints:
+        searches += len(rows_inside) + len(rows_outside)
     announce_first: Callable[[str], None] | None = None
     if announce:
-        announce_first = partial(announce, 1, 1 + len(folds))
+        announce_first = partial(announce, 1, searches)
     found = explain(model, trials, model.candidates(trials), rules, announce=announce_first)
+    inside = build_folds(found.problem, rows_inside)
+    outside = build_folds(found.problem, rows_outside)
+    folds = [] if hints else [*inside, *outside]
     selected = _search_without_each_fold(table, found, folds, rules, jobs, announce)
     of_inside, of_outside = selected[: len(inside)], selected[len(inside) :]
     found = withdraw_unsupported_claims(found, of_inside, of_outside, model.cells(trials))
@@ -461,7 +468,7 @@ def _keep_large_folds(table: SessionTable, folds: Sequence[Rows]) -> list[Rows]:
 def _search_without_each_fold(
     table: SessionTable,
     found: Explanation,
-    folds: Sequence[Rows],
+    folds: Sequence[Fold],
     rules: Rules,
     jobs: int,
     announce: Announce | None,
@@ -469,13 +476,11 @@ def _search_without_each_fold(
     """Search once without the trials of each fold, and return the names of the effects found."""
     search_without = partial(
         select_effects_without,
-        table.model,
-        found.problem.trials,
         candidates=table.model.candidates,
         rules=rules,
         values=found.extended.values,
     )
-    calls = [(rows,) for rows in folds]
+    calls = [(fold,) for fold in folds]
     selected: list[tuple[str, ...]] = []
     for names in run_in_processes(search_without, calls, jobs):
         selected.append(names)
