@@ -132,6 +132,7 @@ def compute_directions(
         else:
             without_size.append(number)
     shared = _Shared()
+    _add_slopes(problem, base, [shaped[numbers[0]] for numbers in by_slope.values()], shared)
     found: dict[int, Direction | None] = {}
     for numbers in by_slope.values():
         members = [shaped[number] for number in numbers]
@@ -323,22 +324,39 @@ def _span_directions(
     moves = lengths >= _LEAST_MOVE
     divisors = np.where(moves, lengths, 1.0)
     of_unit_changes = seen.remaining / np.outer(divisors, divisors)
+    scales = _compute_single_scales(np.diagonal(of_unit_changes), moves) / divisors
+    along_single = scales[:, None] * seen.along
     directions: list[Direction | None] = []
     first = 0
     for member, width in zip(members, widths, strict=True):
         part = slice(first, first + width)
-        first += width
-        to_basis = None
-        if width and moves[part].all():
+        root: Floats | None = None
+        if width == 1 and scales[first]:
+            root = scales[part, None]
+            along = along_single[part]
+        elif width > 1 and moves[part].all():
             to_basis = _find_basis(of_unit_changes[part, part])
-        if to_basis is None:
+            if to_basis is not None:
+                root = to_basis / lengths[part, None]
+                along = root.T @ seen.along[part]
+        first += width
+        if root is None:
             directions.append(None)
             continue
-        root = to_basis / lengths[part, None]
-        along = root.T @ seen.along[part]
         one_sided = _is_one_sided(member.law)
         directions.append(Direction(member.law, member.shape, root, along, one_sided))
     return directions
+
+
+def _compute_single_scales(squared_lengths: Floats, moves: NDArray[np.bool_]) -> Floats:
+    """Compute the factor that makes each remaining change a unit vector, shape (k,).
+
+    `squared_lengths` are those of the remaining changes. The factor is zero where nothing remains.
+    """
+    remains = moves & (squared_lengths > _LEAST_REMAINING**2)
+    scales = np.zeros(len(squared_lengths))
+    scales[remains] = [squared**-0.5 for squared in squared_lengths[remains].tolist()]
+    return scales
 
 
 def _compute_changes(
@@ -388,20 +406,47 @@ def _find_sizes(
     size_key = apply, law.covariate, scales, tuple(shaped.shape.items())
     if slope_key in shared.slopes and size_key in kept:
         return shared.slopes[slope_key], kept[size_key]
-    followed = law.covariate if follows_table else slope_key
+    followed = _name_followed(problem, law)
     column = problem.trials.covariates.get(law.covariate, shared.columns.get(followed))
     if slope_key not in shared.slopes or column is None:
-        neutral = list_starts(law.parameters) | dict(shaped.shape)
-        effects = [*base.effects, law]
-        values = base.values | law.name_values(neutral)
-        enlarged = EnlargedLaw(law, apply, slope_key[1])
-        _, (ahead,) = predict_ahead(problem, effects, values, {}, [enlarged])
-        column = enlarged.select_followed(0, len(ahead))
-        shared.slopes.setdefault(slope_key, (ahead - base.predicted) / enlarged.step)
-        shared.columns[followed] = column
+        _add_slopes(problem, base, [shaped], shared)
+        column = shared.columns[followed]
     if size_key not in kept:
         kept[size_key] = _compute_sizes(shaped, column)
     return shared.slopes[slope_key], kept[size_key]
+
+
+def _add_slopes(
+    problem: Problem, base: Fit, members: Sequence[_ShapedLaw], shared: _Shared
+) -> None:
+    """Add the slopes of laws to those that are shared, and what the laws follow.
+
+    All laws are asked of the model at once, each at a point of its own.
+    """
+    effects = list(base.effects)
+    values = dict(base.values)
+    enlarged = []
+    for member in members:
+        law = member.law
+        assert isinstance(law.apply, SizedChange)
+        effects.append(law)
+        values |= law.name_values(list_starts(law.parameters) | dict(member.shape))
+        enlarged.append(EnlargedLaw(law, law.apply, _name_slope(problem, law)[1]))
+    if not enlarged:
+        return
+    _, predicted = predict_ahead(problem, effects, values, {}, enlarged)
+    for point, (own, ahead) in enumerate(zip(enlarged, predicted, strict=True)):
+        slope = (ahead - base.predicted) / own.step
+        shared.slopes.setdefault(_name_slope(problem, own.effect), slope)
+        followed = own.select_followed(point, len(ahead))
+        shared.columns.setdefault(_name_followed(problem, own.effect), followed)
+
+
+def _name_followed(problem: Problem, law: Law) -> Hashable:
+    """Name what a law follows: its covariate, or its slope where the model computes that."""
+    if _follows_table(problem, law):
+        return law.covariate
+    return _name_slope(problem, law)
 
 
 def _follows_table(problem: Problem, law: Law) -> bool:
@@ -437,11 +482,6 @@ def _find_basis(remaining: Floats) -> Floats | None:
     `remaining` are their inner products, shape (a, a), each change of unit length before the
     constants took their part of it. The result is None where nothing of the changes remains.
     """
-    if len(remaining) == 1:
-        squared_length = float(remaining[0, 0])
-        if not squared_length > _LEAST_REMAINING**2:
-            return None
-        return np.array([[squared_length**-0.5]])
     squared, turn = np.linalg.eigh(remaining)
     squared, turn = squared[::-1], turn[:, ::-1]
     kept = squared > _LEAST_REMAINING**2

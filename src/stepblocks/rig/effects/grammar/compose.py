@@ -30,6 +30,8 @@ def list_composed_laws(covariates: Sequence[CovariateRange]) -> tuple[Law, ...]:
 
 def _name_columns(laws: Sequence[Law], covariate: CovariateRange) -> list[Law]:
     """Name the columns that make up the covariate of laws, where it is a pair."""
+    if not covariate.pair:
+        return list(laws)
     columns = tuple(part.name for part in covariate.pair)
     named = []
     for law in laws:
