@@ -110,8 +110,10 @@ def test_workers_give_the_same_answer_and_ask_a_script_for_no_guard(quiet, tmp_p
     script = tmp_path / "script.py"
     script.write_text(
         "import json, pandas as pd\n"
+        "from stepblocks.loop import run\n"
         "from stepblocks.loop.run import analyse_features\n"
         "from stepblocks.lawsearch.findings import Rules\n"
+        "run._LEAST_TIME_SPARED = 0.0\n"  # else so few trials are searched without workers
         "features = pd.read_csv('features.csv', dtype={'trial': str, 'block': str})\n"
         "result = analyse_features(features, 9810.0, 125e-6, jobs=2, rules=Rules(draws=60, "
         "fits=2))\n"
@@ -130,6 +132,17 @@ def test_workers_give_the_same_answer_and_ask_a_script_for_no_guard(quiet, tmp_p
     assert [told[name] for name in told if name != "noise_floor"] == pytest.approx(
         [known[name] for name in known if name != "noise_floor"], rel=1e-6
     )
+
+
+@pytest.mark.parametrize(
+    ("search_time", "jobs", "worth_it"),
+    [(1.0, 2, False), (4.0, 2, True), (4.0, 1, False), (1.0, 32, False), (2.0, 32, True)],
+)
+def test_workers_are_started_where_they_spare_more_time_than_their_start(
+    search_time, jobs, worth_it
+):
+    # seven searches; a worker loads the program in about five seconds of a processor
+    assert run._are_workers_worth_it(search_time, 7, jobs) is worth_it
 
 
 def test_linear_algebra_of_an_analysis_takes_one_thread_whatever_its_caller_takes(monkeypatch):

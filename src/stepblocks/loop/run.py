@@ -2,6 +2,7 @@
 
 import math
 import tempfile
+import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
@@ -58,6 +59,7 @@ if TYPE_CHECKING:
 _FOLDS_WITHIN, _FOLDS_BETWEEN = 3, 4
 _FEWEST_BLOCKS = 3  # from which whole blocks are held out
 _FEWEST_TRIALS = 12  # that a fold must leave
+_LEAST_TIME_SPARED = 10.0  # by workers, about twice as long as they take to start [s]
 _MOST_DRAWN = 12  # trials held apart whose traces are drawn
 
 Announce = Callable[[int, int, str], None]  # which of how many searches runs, and what it tries
@@ -443,10 +445,14 @@ def _explain_and_hold_out(
     announce_first: Callable[[str], None] | None = None
     if announce:
         announce_first = partial(announce, 1, searches)
+    begin = time.process_time()
     found = explain(model, trials, model.candidates(trials), rules, announce=announce_first)
+    search_time = time.process_time() - begin
     inside = build_folds(found.problem, rows_inside)
     outside = build_folds(found.problem, rows_outside)
     folds = [] if hints else [*inside, *outside]
+    if not _are_workers_worth_it(search_time, len(folds), jobs):
+        jobs = 1
     selected = _search_without_each_fold(table, found, folds, rules, jobs, announce)
     of_inside, of_outside = selected[: len(inside)], selected[len(inside) :]
     found = withdraw_unsupported_claims(found, of_inside, of_outside, model.cells(trials))
@@ -458,6 +464,14 @@ def _explain_and_hold_out(
         Holdout(*within, selected=tuple(of_inside)),
         Holdout(*between, selected=tuple(of_outside)),
     )
+
+
+def _are_workers_worth_it(search_time: float, searches: int, jobs: int) -> bool:
+    """Tell whether workers spare more time [s] than it takes to start them.
+
+    What is found is the same with any number of workers.
+    """
+    return search_time * searches * (1.0 - 1.0 / jobs) > _LEAST_TIME_SPARED
 
 
 def _keep_large_folds(table: SessionTable, folds: Sequence[Rows]) -> list[Rows]:
