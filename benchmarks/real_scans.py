@@ -153,7 +153,7 @@ def compared(path: Path, known: Known) -> tuple[str, str, str, str]:
             "rightly" if known.feature == "none" else "no answer",
         )
     one = next(iter(result.evaluation.values.values()))
-    half = one.expanded()
+    half = one.compute_expanded_uncertainty()
     interval = f"{shown(one.value - half)} to {shown(one.value + half)}"
     if known.feature == "none":
         return shown(one.value), interval, "no step", "PHANTOM"

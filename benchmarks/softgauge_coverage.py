@@ -52,7 +52,7 @@ from stepblocks.inspect.grooves import measure_groove
 from stepblocks.inspect.masked_step import measure_masked_step
 from stepblocks.inspect.measure import measure_margin, measure_tip
 from stepblocks.inspect.noise import Estimate
-from stepblocks.inspect.type_a1 import evaluate_a1
+from stepblocks.inspect.type_a1 import evaluate_type_a1
 from stepblocks.inspect.working_edge.measure import measure_edge
 from stepblocks.scans.scan import HeightMap, ScannedProfile
 
@@ -92,7 +92,7 @@ def a1(
         z = groove_gauge(x, depth, 300 * UM, 600 * UM, 20 * UM, tilt=random.uniform(-2e-3, 2e-3))
         z = z + correlated_noise(len(x), UM, 10 * NM, rough, length, random)
         z = with_faults(z, random, spikes=spikes, spike_height=20 * UM, missing=missing)
-        got = evaluate_a1(x, z, (300 * UM, 600 * UM))
+        got = evaluate_type_a1(x, z, (300 * UM, 600 * UM))
         yield "depth, type A1", depth, value("depth", got.depth)
 
     return draw
@@ -146,7 +146,7 @@ def tip(radius: float, rough: float, length: float) -> Draw:
         yield (
             "tip radius, map",
             radius,
-            measure_tip(HeightMap(z, spacing, spacing), EXACT, nominal=radius).values[
+            measure_tip(HeightMap(z, spacing, spacing), EXACT, nominal_radius=radius).values[
                 "ball_radius"
             ],
         )
@@ -161,7 +161,7 @@ def cap(length: float) -> Draw:
     def draw(random: np.random.Generator) -> Iterator[tuple[str, float, Measured]]:
         z = ball_gauge(x, y, 497 * UM, (random.uniform(-5, 5) * UM, random.uniform(-5, 5) * UM))
         z = z + correlated_map(z.shape, 1.1 * UM, NM, 10 * NM, length, random)
-        got = measure_tip(HeightMap(z, 1.1 * UM, 1.1 * UM), EXACT, nominal=500 * UM)
+        got = measure_tip(HeightMap(z, 1.1 * UM, 1.1 * UM), EXACT, nominal_radius=500 * UM)
         yield "radius, by its form", 497 * UM, got.values["ball_radius"]
 
     return draw
@@ -486,7 +486,7 @@ def run_draws(case: int, seeds: range) -> list[Record]:
                     name,
                     got.value - truth,
                     got.std,
-                    bool(abs(got.value - truth) <= got.expanded()),
+                    bool(abs(got.value - truth) <= got.compute_expanded_uncertainty()),
                 ]
                 for name, truth, got in draw(np.random.default_rng(seed))
             ]

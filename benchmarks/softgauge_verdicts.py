@@ -293,8 +293,8 @@ def draw_drifting_map(height, radius, random, truth):
 def holds_truth(measured, true):
     """Tell whether an interval holds the truth; that of an upper bound begins at zero."""
     if measured.bound is Bound.AT_MOST:
-        return bool(true <= measured.value + measured.expanded())
-    return bool(abs(measured.value - true) <= measured.expanded())
+        return bool(true <= measured.value + measured.compute_expanded_uncertainty())
+    return bool(abs(measured.value - true) <= measured.compute_expanded_uncertainty())
 
 
 def judge_gauge(number, part):
@@ -317,7 +317,7 @@ def judge_gauge(number, part):
                 "key": one.key,
                 "true": true,
                 "value": found.value,
-                "expanded": measured.expanded(),
+                "expanded": measured.compute_expanded_uncertainty(),
                 "holds": holds_truth(measured, true),
                 "false_conforms": found.verdict is Outcome.CONFORMS and not good,
                 "false_rejection": found.verdict is Outcome.DOES_NOT_CONFORM and good,

@@ -21,16 +21,16 @@ import numpy as np
 import pandas as pd
 from scipy.stats import t
 
-from stepblocks.study.analysis.accuracy import compare_groups, correct_condition_test
+from stepblocks.study.analysis.accuracy import compare_participant_groups, correct_condition_test
 from stepblocks.study.analysis.anova import Interval, Term, run_f_test
 from stepblocks.study.analysis.mixed import fit_mixed_model
 from stepblocks.study.analysis.ordinal import fit_ordinal_model, fit_proportional_odds
 from stepblocks.study.analysis.population import Grid, Population
-from stepblocks.study.analysis.psychometric import Z75, find_crossing, fit_psychometric
+from stepblocks.study.analysis.psychometric import Z75, find_root_by_stepping, fit_psychometric
 from stepblocks.study.analysis.repeated import (
-    assess_factors,
-    compare_participants,
-    compute_bayes_factor,
+    compare_conditions_within_participants,
+    compute_null_bayes_factor,
+    iterate_factor_tests,
 )
 
 DATA = Path(__file__).resolve().parents[1] / "tests" / "study" / "data"
@@ -91,7 +91,7 @@ def compare_repeated_measures() -> Iterator[Row]:
     rows = pd.read_csv(DATA / "reactions.csv", dtype={"id": str, "angle": str})
     cells = rows.pivot(index="id", columns=["noise", "angle"], values="rt")
     levels = {"noise": ["absent", "present"], "angle": ["0", "4", "8"]}
-    for term in assess_factors(cells, levels):
+    for term in iterate_factor_tests(cells, levels):
         yield from compare("analysis of variance", f"afex {term.name}", list_term(term))
     table = rows.groupby(["id", "angle"])["rt"].mean()
     fit = fit_mixed_model(table.reset_index(), "rt", "angle", "id")
@@ -100,10 +100,10 @@ def compare_repeated_measures() -> Iterator[Row]:
         yield from compare("mixed model", name, list_term(fit.condition))
     yield from compare("mixed model", "lmer angle, logLik by REML", [fit.log_likelihood])
     yield from compare_family(fit.intervals, "emmeans", df=True)
-    pairs = compare_participants(table.unstack())
+    pairs = compare_conditions_within_participants(table.unstack())
     yield from compare_family(pairs, "ptukey")
     for one in pairs:
-        factor = compute_bayes_factor(one.difference / one.error, one.df + 1.0)
+        factor = compute_null_bayes_factor(one.difference / one.error, one.df + 1.0)
         yield from compare("Bayes factor", f"ttestBF {one.first} - {one.second}", [factor])
 
 
@@ -113,7 +113,7 @@ def compare_unequal_groups() -> Iterator[Row]:
     names = {"id": "participant", "treatment": "group", "phase": "condition"}
     data = rows.rename(columns=names)
     means = data.groupby(["participant", "group", "condition"])["value"].mean().reset_index()
-    (group, within), family = compare_groups(means)
+    (group, within), family = compare_participant_groups(means)
     yield from compare("analysis of variance", "afex treatment", list_term(group))
     yield from compare("analysis of variance", "afex treatment:phase", list_term(within))
     phases = fit_mixed_model(means, "value", "condition", "participant").condition
@@ -205,7 +205,9 @@ def find_ends(model: Population, index: int) -> list[float]:
         return float(2.0 * (held.fun - model.best.fun) - limit)
 
     low, high = model.axes[index][[0, -1]]
-    return [find_crossing(excess, middle, end, step) for end, step in ((low, -0.1), (high, 0.1))]
+    return [
+        find_root_by_stepping(excess, middle, end, step) for end, step in ((low, -0.1), (high, 0.1))
+    ]
 
 
 def compare_population() -> Iterator[Row]:

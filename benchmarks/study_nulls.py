@@ -36,13 +36,16 @@ from stepblocks.study.analysis.accuracy import (
     MEASURES,
     analyse_measure,
     assess_declared_factors,
-    compare_groups,
-    compute_measure,
+    compare_participant_groups,
+    compute_measure_values,
 )
 from stepblocks.study.analysis.anova import Interval, run_f_test
 from stepblocks.study.analysis.ordinal import fit_ordinal_model
-from stepblocks.study.analysis.psychometric import compute_weber, find_crossing
-from stepblocks.study.analysis.repeated import average_participants, compare_participants
+from stepblocks.study.analysis.psychometric import compute_weber_fraction, find_root_by_stepping
+from stepblocks.study.analysis.repeated import (
+    compare_conditions_within_participants,
+    tabulate_participant_means,
+)
 from stepblocks.study.experiments.registry import EXPERIMENTS
 
 OUT = Path(__file__).parents[1] / "out" / "study-nulls"
@@ -117,7 +120,7 @@ def true_changes() -> dict[str, float]:
     """Return what the effect changes of each measure of estimates."""
     frame, found = estimates(np.random.default_rng(9), 1.0, people=4000, whole=True), {}
     for name in MEASURES:
-        table = average_participants(compute_measure(frame, name)[0])
+        table = tabulate_participant_means(compute_measure_values(frame, name)[0])
         found[name] = float((table["a"] - table["b"]).mean())
     return found
 
@@ -128,7 +131,7 @@ def judge_estimates(random: Random, effect: float, bad: bool) -> Found:
     analysis = EXPERIMENTS["estimates"].analyse(frame, math.nan)
     ordinal = fit_ordinal_model(frame, "rating", "condition", "participant")
     result = replace(analysis, ordinal={"realism": ordinal})
-    found: Found = {"p": {one.name: one.p for one in result.find_tested()}, "held": {}}
+    found: Found = {"p": {one.name: one.p for one in result.summarise_findings()}, "held": {}}
     if effect:
         for one in result.measures:
             truth = true_changes()[one.name]
@@ -173,14 +176,14 @@ def factors(
     group = (frame["participant"].astype(int) % 2).map({0: "x", 1: "y"})
     frame["error"] += effect * BIAS * (group == "y")
     frame = frame.assign(factor_u=number // 2, factor_v=number % 2, group=group)
-    return compute_measure(frame, "absolute error")[0]
+    return compute_measure_values(frame, "absolute error")[0]
 
 
 @cache
 def true_factors() -> tuple[dict[str, float], dict[str, float], dict[str, float]]:
     """Return the means of the conditions and of the groups, and noncentralities for one person."""
     data = factors(np.random.default_rng(9), 1.0, people=4000, whole=True)
-    table = average_participants(data)
+    table = tabulate_participant_means(data)
     a, b, c, d = (table[name] for name in "abcd")
     contrasts = {"u": a + b - c - d, "v": a - b + c - d, "u:v": a - b - c + d}
     noncentral = {name: float(one.mean() ** 2 / one.var()) for name, one in contrasts.items()}
@@ -194,14 +197,14 @@ def true_factors() -> tuple[dict[str, float], dict[str, float], dict[str, float]
 def judge_factors(random: Random, effect: float, bad: bool) -> Found:
     """Two crossed factors within, and two groups of participants."""
     data = factors(random, effect, bad=bad)
-    table = average_participants(data)
-    groups, apart = compare_groups(data)
+    table = tabulate_participant_means(data)
+    groups, apart = compare_participant_groups(data)
     terms = [*assess_declared_factors(data, table.dropna()), *groups]
     found: Found = {"p": {f"factors, {one.name}": one.p for one in terms}, "held": {}}
     if effect:
         conditions, means, noncentral = true_factors()
         found["held"]["all pairs of conditions"] = hold_together(
-            compare_participants(table), conditions
+            compare_conditions_within_participants(table), conditions
         )
         found["held"]["groups"] = hold_together(apart, means)
         for one in terms:
@@ -242,7 +245,7 @@ def pairs(random: Random, effect: float, people: int, bad: bool) -> list[pd.Data
 def judge_pairs(random: Random, effect: float, bad: bool) -> Found:
     """Give the same participants both settings."""
     # no headline within participants reads the ends of an interval
-    population.find_crossing = find_crossing if effect else lambda *_: math.nan
+    population.find_root_by_stepping = find_root_by_stepping if effect else lambda *_: math.nan
     one, other = pairs(random, effect, 10, bad)
     frame = pd.concat([one.assign(factor_probe="a"), other.assign(factor_probe="b")])
     return judge_comparisons(frame, effect)
@@ -250,7 +253,7 @@ def judge_pairs(random: Random, effect: float, bad: bool) -> Found:
 
 def judge_pairs_of_groups(random: Random, effect: float, bad: bool) -> Found:
     """Give each setting to other participants."""
-    population.find_crossing = find_crossing
+    population.find_root_by_stepping = find_root_by_stepping
     one, other = pairs(random, effect, 20, bad)
     number = one["participant"].astype(int)
     later = other["participant"].astype(int)
@@ -261,7 +264,7 @@ def judge_pairs_of_groups(random: Random, effect: float, bad: bool) -> Found:
 def judge_comparisons(frame: pd.DataFrame, effect: float) -> Found:
     """Analyse comparisons; the curves of single participants are left out, the group's count."""
     result = EXPERIMENTS["constant"].analyse(frame, math.nan)
-    found: Found = {"p": {one.name: one.p for one in result.find_tested()}, "held": {}}
+    found: Found = {"p": {one.name: one.p for one in result.summarise_findings()}, "held": {}}
     if effect:
         truths = dict(zip(QUANTITIES, SHIFTS, strict=True))
         for quantity, (gap,) in result.contrasts.items():
@@ -276,7 +279,7 @@ def judge_comparisons(frame: pd.DataFrame, effect: float) -> Found:
             found["held"][f"spread of comparisons, {index}"] = (
                 one.spread.low < width < one.spread.high
             )
-            found.setdefault("weber", {})[str(index)] = compute_weber(one.spread.value)
+            found.setdefault("weber", {})[str(index)] = compute_weber_fraction(one.spread.value)
     return found
 
 
@@ -303,7 +306,7 @@ def judge_magnitudes(random: Random, effect: float, bad: bool) -> Found:
     )
     frame = drop(frame, random, ("participant", "condition", "height"))
     result = EXPERIMENTS["magnitude"].analyse(frame, math.nan)
-    found: Found = {"p": {one.name: one.p for one in result.find_tested()}, "held": {}}
+    found: Found = {"p": {one.name: one.p for one in result.summarise_findings()}, "held": {}}
     if effect:  # a lapse has no exponent: on average 5 % of it are lost
         (gap,) = result.exponents
         found["held"]["exponent, change"] = gap.low < -0.95 * STEEPER < gap.high

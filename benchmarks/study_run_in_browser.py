@@ -22,7 +22,7 @@ import numpy as np
 
 from oracles.browser import browser
 from oracles.participant_in_browser import LOOKS, whole_run
-from stepblocks.study.analysis.prose import write_headline
+from stepblocks.study.analysis.prose import format_headline
 from stepblocks.study.run import analyse_study, design_study
 
 if TYPE_CHECKING:
@@ -98,7 +98,7 @@ def run_experiment(experiment: str, people: int, folder: Path) -> None:
             late = [file.attrs["late_999_s"] for file in map(h5py.File, motions)]
             print(f"99.9 % of ticks late by {np.median(late) * 1e6:.0f} us", flush=True)
     result = analyse_study(folder, [folder / "runs"], folder / "report")
-    print(write_headline(result))
+    print(format_headline(result))
     print(f"report.html: {(folder / 'report' / 'report.html').stat().st_size} bytes", flush=True)
 
 

@@ -26,7 +26,7 @@ from stepblocks.predict.table import predict_table
 from stepblocks.records.sheet_read import read_filled_sheet
 from stepblocks.scans.read import read_scan
 from stepblocks.simulators.compare import _read_record
-from stepblocks.study.design.read import read_rows
+from stepblocks.study.design.read import read_sheet_rows
 
 QUICK, ALL = 20, 200
 SESSION = """
@@ -106,7 +106,7 @@ def compare_study(path: Path, write: Callable[[dict[str, list]], None]) -> None:
     """Read the judgements of a study."""
     answers = [25.5, math.nan, 1050.25, 75.0, 12.5, 30.0]
     write({"participant": ["NA", "b", "c", "d", "e", "f"], "estimate_um": answers})
-    rows = read_rows(path, ["participant", "estimate_um"])
+    rows = read_sheet_rows(path, ["participant", "estimate_um"])
     assert [row.cells["participant"] for row in rows][:2] == ["NA", "b"]
     read = [float(row.cells["estimate_um"] or "nan") for row in rows]
     np.testing.assert_allclose(read, answers, rtol=1e-12)

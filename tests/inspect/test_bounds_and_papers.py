@@ -148,7 +148,7 @@ def test_two_serial_numbers_have_two_certificates_with_numbers_of_their_own(batc
 def test_a_bound_stands_with_its_number_and_the_customer_is_the_laboratorys(batch):
     _, many = batch
     report = many.reports["SN-1"]
-    record = report.describe()
+    record = report.build_record()
     content = build_certificate_content(report.stimulus, record, report.order, "ab" * 32, ROOM)
     bounds = [end.reason for end in content.open_ends if "bound" in end.reason]
     assert bounds

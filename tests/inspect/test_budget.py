@@ -15,10 +15,10 @@ from stepblocks.inspect.budget import (
     Instrument,
     Measured,
     ScalePowers,
-    add_instrument_components,
     average_profiles,
+    make_measured_with_instrument,
 )
-from stepblocks.inspect.conformity import Outcome, judge_conformity
+from stepblocks.inspect.conformity import Outcome, judge_measured_conformity
 from stepblocks.inspect.noise import Estimate
 
 
@@ -43,8 +43,8 @@ def parts(measured):
 )
 def test_a_calibration_counts_with_the_power_in_which_the_value_goes_with_its_axis(axes, named):
     budget = parts(
-        add_instrument_components(
-            "x", -50e-6, [], Instrument(1e-3, 2e-9, 2e-3), powers=ScalePowers(*axes)
+        make_measured_with_instrument(
+            "x", -50e-6, [], Instrument(1e-3, 2e-9, 2e-3), scale_powers=ScalePowers(*axes)
         )
     )
     # a rectangle one count wide
@@ -53,7 +53,7 @@ def test_a_calibration_counts_with_the_power_in_which_the_value_goes_with_its_ax
 
 
 def test_components_stand_in_the_order_own_calibration_others_resolution():
-    measured = add_instrument_components(
+    measured = make_measured_with_instrument(
         "x", 1e-6, [Component("noise", 1e-9)], Instrument(1e-3), [Component("form", 2e-9)]
     )
     assert [part.name for part in measured.components] == [
@@ -65,7 +65,7 @@ def test_components_stand_in_the_order_own_calibration_others_resolution():
 
 
 def test_a_calibration_that_nobody_states_is_named_and_counts_by_its_default():
-    measured = add_instrument_components("x", 1e-6, [Component("noise", 3e-9)], Instrument())
+    measured = make_measured_with_instrument("x", 1e-6, [Component("noise", 3e-9)], Instrument())
     assert measured.unstated == ("calibration",)
     assert measured.std == pytest.approx(math.hypot(3e-9, 0.02 * 1e-6))  # 2 %: Haitjema 1998
 
@@ -73,7 +73,7 @@ def test_a_calibration_that_nobody_states_is_named_and_counts_by_its_default():
 def test_one_more_stated_component_never_narrows_an_interval():
     few = Component("repeatability", 10e-9, 2.0)
     widths = [
-        Measured("x", 0.0, (few, Component("calibration", std))).expanded()
+        Measured("x", 0.0, (few, Component("calibration", std))).compute_expanded_uncertainty()
         for std in (0.0, 2e-9, 5e-9, 10e-9, 30e-9, 100e-9)
     ]
     assert widths == sorted(widths)
@@ -88,33 +88,42 @@ def test_of_a_bound_only_its_own_side_is_proven_and_of_no_stated_uncertainty_not
         (1e-6, Bound.AT_LEAST, Outcome.NOT_PROVEN),
     ):
         assert (
-            judge_conformity(Measured("x", value, part, bound), 0.0, 0.0, 2e-6).verdict is verdict
+            judge_measured_conformity(Measured("x", value, part, bound), 0.0, 0.0, 2e-6).verdict
+            is verdict
         )
     unknown = (Component("as stated", math.nan, decisive=True),)
     for value in (1e-6, 9e-6):
         assert (
-            judge_conformity(Measured("x", value, unknown), 0.0, 0.0, 2e-6).verdict
+            judge_measured_conformity(Measured("x", value, unknown), 0.0, 0.0, 2e-6).verdict
             is Outcome.NOT_PROVEN
         )
 
 
 def test_the_interval_is_normal_where_nothing_was_estimated_from_few_values():
     # tables of the normal law
-    assert Measured("x", 0.0, (Component("a", 1.0),)).expanded() == pytest.approx(1.959964)
+    assert Measured(
+        "x", 0.0, (Component("a", 1.0),)
+    ).compute_expanded_uncertainty() == pytest.approx(1.959964)
     # Student, 4 degrees
-    assert Measured("x", 0.0, (Component("a", 1.0, 4.0),)).expanded() == pytest.approx(2.776445)
+    assert Measured(
+        "x", 0.0, (Component("a", 1.0, 4.0),)
+    ).compute_expanded_uncertainty() == pytest.approx(2.776445)
 
 
 def test_a_rectangle_alone_ends_and_beside_a_normal_law_their_sum_is_that_of_draws():
     half = math.sqrt(3.0)  # of a rectangle with a standard deviation of 1
     alone = Measured("x", 0.0, (Component("a", 1.0, bounded=True),))
-    assert alone.expanded() == pytest.approx(0.95 * half, rel=1e-3)  # EA-4/02, S9.14: 1.65
+    assert alone.compute_expanded_uncertainty() == pytest.approx(
+        0.95 * half, rel=1e-3
+    )  # EA-4/02, S9.14: 1.65
     assert alone.guard == pytest.approx(1.65)  # the guard band of ISO 14253-1 stays
     random = np.random.default_rng(1)
     for normal in (0.3, 1.0, 3.0):
         both = Measured("x", 0.0, (Component("a", 1.0, bounded=True), Component("b", normal)))
         draws = random.uniform(-half, half, 400_000) + random.normal(0.0, normal, 400_000)
-        assert both.expanded() == pytest.approx(np.quantile(np.abs(draws), 0.95), rel=5e-3)
+        assert both.compute_expanded_uncertainty() == pytest.approx(
+            np.quantile(np.abs(draws), 0.95), rel=5e-3
+        )
 
 
 def test_profiles_that_differ_by_no_more_than_their_noise_show_no_repeatability():

@@ -8,7 +8,11 @@ import pytest
 
 from oracles.softgauge import correlated_noise, edge_gauge
 from stepblocks.cli import main
-from stepblocks.inspect.capability import chart_individuals, compute_capability, find_copies
+from stepblocks.inspect.capability import (
+    compute_capability,
+    find_repeated_digests,
+    make_individuals_chart,
+)
 from stepblocks.inspect.evaluation import EvaluationOptions
 from stepblocks.inspect.many import inspect_many, write_many
 
@@ -41,11 +45,11 @@ def test_a_chart_of_individuals_is_that_of_the_handbook():
     # NIST/SEMATECH e-Handbook 6.3.2.2, flow rates of ten batches: centre 50.81, limits 45.8159 and
     # 55.8041 (d2 as 1.128)
     rates = np.array([49.6, 47.6, 49.9, 51.3, 47.8, 51.2, 52.6, 52.4, 53.6, 52.1])
-    chart = chart_individuals(rates)
+    chart = make_individuals_chart(rates)
     assert chart.centre == pytest.approx(50.81)
     assert (chart.lower, chart.upper) == pytest.approx((45.8159, 55.8041), abs=0.003)
-    assert chart.find_outside() == []
-    assert chart_individuals(np.append(rates, 70.0)).find_outside() == [10]
+    assert chart.find_parts_outside_limits() == []
+    assert make_individuals_chart(np.append(rates, 70.0)).find_parts_outside_limits() == [10]
 
 
 def test_the_scatter_from_part_to_part_leaves_a_drift_out():
@@ -70,7 +74,7 @@ def test_intervals_hold_the_index_in_nineteen_of_twenty_batches():
 
 
 def test_the_same_scan_under_two_numbers_is_one_part():
-    assert find_copies(["a", "b", "a", "", ""]) == {2}
+    assert find_repeated_digests(["a", "b", "a", "", ""]) == {2}
 
 
 def _write_batch(folder, heights):

@@ -13,7 +13,7 @@ from stepblocks.errors import MetrologyError, PipelineError
 from stepblocks.inspect import grooves
 from stepblocks.inspect.attempts import evaluate_each
 from stepblocks.inspect.budget import Instrument
-from stepblocks.inspect.dots import _yield_weights, measure_dots
+from stepblocks.inspect.dots import _iterate_floor_weights, measure_dots
 from stepblocks.inspect.evaluation import EvaluationOptions
 from stepblocks.inspect.grooves import measure_groove
 from stepblocks.inspect.map_levels import level_rows
@@ -60,8 +60,12 @@ def test_dots_holes_and_craters_are_as_deep_as_they_are_each_and_together(
     found = measure_dots(lattice([depth], white=white, seed=seed, **shape), EXACT).values
     assert len(found) == 26  # each by itself, and their mean
     mean = found["dot_depth"]
-    assert abs(mean.value - abs(depth)) < mean.expanded(0.99) < 0.004 * abs(depth)
-    held = [abs(one.value - abs(depth)) < one.expanded() for one in found.values()]
+    assert (
+        abs(mean.value - abs(depth)) < mean.compute_expanded_uncertainty(0.99) < 0.004 * abs(depth)
+    )
+    held = [
+        abs(one.value - abs(depth)) < one.compute_expanded_uncertainty() for one in found.values()
+    ]
     assert np.mean(held) > 0.8
 
 
@@ -79,7 +83,7 @@ def test_unlike_dots_have_each_its_own_depth_and_place_and_no_mean():
     assert list(found.values) == [f"depth_{number}" for number in range(1, 5)]
     depths = [500 * NM, 2 * UM, 800 * NM, 500 * NM]
     for measured, depth in zip(found.values.values(), depths, strict=True):
-        assert abs(measured.value - depth) < measured.expanded(0.99) < 8 * NM
+        assert abs(measured.value - depth) < measured.compute_expanded_uncertainty(0.99) < 8 * NM
     assert "unlike features of" in found.notes[1]
     second = EvaluationOptions(edges=(2,))
     one = inspect_standard(scan, 2 * UM, 50 * NM, feature="dots", instrument=EXACT, options=second)
@@ -92,7 +96,7 @@ def test_unlike_dots_have_each_its_own_depth_and_place_and_no_mean():
 def test_one_crater_has_an_interval_from_the_surface_beside_it():
     z = dots_gauge(AT, AT, [(50 * UM, 50 * UM)], [20 * UM], 20 * UM, 15 * UM) + noise(50 * NM)
     found = measure_dots(HeightMap(z, 0.5 * UM, 0.5 * UM), EXACT).values["dot_depth"]
-    assert abs(found.value - 20 * UM) < found.expanded(0.99) < 30 * NM
+    assert abs(found.value - 20 * UM) < found.compute_expanded_uncertainty(0.99) < 30 * NM
 
 
 def plane():
@@ -145,7 +149,7 @@ def test_a_bow_of_the_map_is_none_of_the_depth_of_its_holes():
     assert masked.depth.value == pytest.approx(500 * NM, abs=4.0 * masked.depth.std)
     assert masked.features == 25
     depth = measure_dots(bowed, EXACT).values["dot_depth"]
-    assert abs(depth.value - 500 * NM) < depth.expanded(0.99)
+    assert abs(depth.value - 500 * NM) < depth.compute_expanded_uncertainty(0.99)
 
 
 def test_craters_are_measured_by_themselves_by_name_and_from_a_file(tmp_path, capsys):
@@ -179,9 +183,9 @@ def test_rows_that_cannot_agree_any_more_are_not_evaluated(monkeypatch):
     assert attempts.refusals == ["must"] * 4
     assert seen == [0, 1, 2, 3]
     rows = []
-    measure = grooves.measure_profile
+    measure = grooves.measure_profile_features
     monkeypatch.setattr(
-        grooves, "measure_profile", lambda *given: rows.append(1) or measure(*given)
+        grooves, "measure_profile_features", lambda *given: rows.append(1) or measure(*given)
     )
     # most rows of a map of craters cross none: the others cannot be half
     scan = lattice([20 * UM], white=50 * NM, pitch=50 * UM, first=25 * UM, **CRATERS)
@@ -199,7 +203,7 @@ def test_holes_of_real_gratings_hold_their_independently_known_depth(name, depth
     if not path.is_file():
         pytest.skip("shared real data is not here")
     found = measure_dots(read_scan(path), EXACT).values["dot_depth"]
-    assert abs(found.value - depth) < found.expanded() < 6 * NM
+    assert abs(found.value - depth) < found.compute_expanded_uncertainty() < 6 * NM
 
 
 @pytest.mark.long
@@ -217,7 +221,7 @@ def test_the_noise_of_one_dot_holds_what_the_lines_of_its_rows_leave():
         labels == 0, return_distances=False, return_indices=True
     )
     beside = np.where(reference, labels[tuple(nearest)], 0)
-    weights = list(_yield_weights(reference, labels, labels, beside))
+    weights = list(_iterate_floor_weights(reference, labels, labels, beside))
     draws = [
         correlated_map(x.shape, 1.0, 0.5 * NM, 1.5 * NM, 3.0, np.random.default_rng(seed))
         for seed in range(12)

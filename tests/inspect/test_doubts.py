@@ -93,9 +93,11 @@ def test_a_refusal_names_its_file_once(tmp_path):
 def test_a_second_step_is_said_and_does_not_bend_the_planes_of_the_first(second, at):
     result = inspect_scan((X, block(second, at)), "step-050", instrument=KNOWN)
     value = result.evaluation.values["step_height"]
-    assert abs(value.value - 50 * UM) < value.expanded() < 0.3 * UM  # levelled through both: 47 um
+    assert (
+        abs(value.value - 50 * UM) < value.compute_expanded_uncertainty() < 0.3 * UM
+    )  # levelled through both: 47 um
     radius = result.evaluation.values["edge_radius"]
-    assert abs(radius.value - 0.5 * UM) < radius.expanded()
+    assert abs(radius.value - 0.5 * UM) < radius.compute_expanded_uncertainty()
     said = next(note for note in result.evaluation.notes if "also shows" in note)
     size, place = (float(said.split("also shows ")[1].split(" um")[n].split()[-1]) for n in (0, 1))
     assert (size, place) == (pytest.approx(second / UM, rel=0.1), pytest.approx(at / UM, abs=2.0))
@@ -107,7 +109,9 @@ def test_a_trace_of_the_edge_itself_is_no_second_step():
     scan, asked, truth = draw_gauge(261, "second")[1:]
     found = inspect_scan(scan, "step-050", **asked).evaluation.values
     for key, close in (("edge_radius", 0.1 * UM), ("step_height", 0.4 * UM)):
-        assert abs(found[key].value - truth[key]) <= min(found[key].expanded(), close)
+        assert abs(found[key].value - truth[key]) <= min(
+            found[key].compute_expanded_uncertainty(), close
+        )
 
 
 @pytest.mark.parametrize("seed", [0, 4, 10])
@@ -120,7 +124,7 @@ def test_a_bow_of_the_part_is_no_second_step_beside_its_edge(seed):
     z = z + correlated_noise(len(x), UM, 3e-9, 3e-9, 5 * UM, random)
     found = measure_edge(ScannedProfile(x, z), Instrument(0.0, 0.0, 0.0))
     height = found.values["step_height"]
-    assert abs(height.value - 20 * UM) < height.expanded() < 6 * UM
+    assert abs(height.value - 20 * UM) < height.compute_expanded_uncertainty() < 6 * UM
     assert not any("also shows" in note for note in found.notes)
 
 
@@ -170,7 +174,9 @@ def test_domes_too_near_for_windows_of_their_own_are_measured_to_their_apex(dept
     value = found.values["groove_depth"]
     assert "A2" in found.convention
     assert not [note for note in found.notes if "spikes" in note]
-    assert abs(value.value - abs(depth)) < max(value.expanded(), 0.002 * abs(depth))
+    assert abs(value.value - abs(depth)) < max(
+        value.compute_expanded_uncertainty(), 0.002 * abs(depth)
+    )
 
 
 @pytest.mark.parametrize(
@@ -190,7 +196,9 @@ def test_domes_apart_are_one_feature_each(depth, gap, rough):
         f"groove_depth_{number}" for number in (1, 2, 3)
     ]
     value = values["groove_depth"]
-    assert abs(value.value - abs(depth)) < max(value.expanded(), 0.002 * abs(depth))
+    assert abs(value.value - abs(depth)) < max(
+        value.compute_expanded_uncertainty(), 0.002 * abs(depth)
+    )
 
 
 @pytest.mark.repeats
@@ -226,10 +234,10 @@ def test_the_radius_of_an_edge_that_is_no_circle_holds_what_its_window_changes()
         (form,) = [one.std for one in value.components if one.name == "form"]
         found.append((value, form))
     (circle, none), (other, form) = found
-    assert abs(circle.value - 20 * UM) < circle.expanded()
+    assert abs(circle.value - 20 * UM) < circle.compute_expanded_uncertainty()
     assert none < 0.05 * UM
     assert form > 0.5 * UM
-    assert other.expanded() > 2.0 * circle.expanded()
+    assert other.compute_expanded_uncertainty() > 2.0 * circle.compute_expanded_uncertainty()
 
 
 def test_the_corner_of_a_flank_is_found_where_few_points_lie_on_it():
@@ -244,7 +252,7 @@ def test_the_corner_of_a_flank_is_found_where_few_points_lie_on_it():
 def test_a_bowed_face_is_no_burr():
     z = block() + 0.3 * UM * (X / (500 * UM)) ** 2
     found = inspect_scan((X, z), "step-050", instrument=KNOWN).evaluation.values["burr"]
-    assert found.value < found.expanded()
+    assert found.value < found.compute_expanded_uncertainty()
 
 
 @pytest.mark.long

@@ -16,7 +16,7 @@ from scipy.optimize import brentq
 from oracles.softgauge import correlated_noise, edge_gauge, flank_gauge, with_faults
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect import edge_arc
-from stepblocks.inspect.edge import _find_better_flank, fit_edge
+from stepblocks.inspect.edge import _fit_flank_if_better_than_arc, fit_edge
 
 SHARED = Path(os.environ.get("STEPBLOCKS_SHARED", Path(__file__).parents[2] / ".." / "shared"))
 SPACING = 1.0e-6
@@ -269,8 +269,8 @@ def test_the_riser_of_a_sharp_edge_is_sought_in_steps_of_a_twelfth_of_a_sample(c
     spacing, height = 1e-6, 20e-6
     x, riser = np.arange(count) * spacing, (count // 2 - 0.1) * spacing
     z = edge_gauge(x, height, 0.2 * spacing, riser=riser)
-    window = edge_arc.Window(x, z, height, spacing, np.array([1e-18]), np.zeros((1, count)))
-    start = edge_arc._search_coarsely(window)[0]
+    window = edge_arc.EdgeWindow(x, z, height, spacing, np.array([1e-18]), np.zeros((1, count)))
+    start = edge_arc._search_coarse_grid(window)[0]
     assert start.radius == pytest.approx(0.2 * spacing)
     assert abs(start.riser - riser) <= spacing / 24.0
 
@@ -284,4 +284,4 @@ def test_a_flank_is_one_where_it_is_gentler_than_the_arc_at_half_its_height(angl
     faces = SimpleNamespace(planes=planes, gamma=np.array([1e-16]))
     arc = edge_arc.Arc(30e-6, 1e-7, 30e-6, 0.0, 9.0, 1.0, ())
     z = flank_gauge(x, height, np.radians(angle), 2e-6)
-    assert (_find_better_flank(x, z, 0.5e-6, faces, arc) is not None) is gentler
+    assert (_fit_flank_if_better_than_arc(x, z, 0.5e-6, faces, arc) is not None) is gentler

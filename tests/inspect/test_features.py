@@ -53,7 +53,7 @@ def test_four_ridges_have_four_heights_a_mean_and_a_pitch():
     )
     found = measure_groove(ScannedProfile(x, z + noise(x, 1, 100 * NM)), EXACT).values
     for key in ("groove_depth", *(f"groove_depth_{index}" for index in (1, 2, 3, 4))):
-        assert abs(found[key].value - 37.4 * UM) < found[key].expanded(0.99)
+        assert abs(found[key].value - 37.4 * UM) < found[key].compute_expanded_uncertainty(0.99)
     chosen = measure_groove(
         ScannedProfile(x, z + noise(x, 1, 100 * NM)), EXACT, EvaluationOptions(edges=(2,))
     ).values
@@ -75,9 +75,9 @@ def test_a_film_on_a_bowed_wafer_is_levelled_by_the_bow_and_its_height_is_held()
         )  # none is refused
     # the bow made edges at the ends of the profile before it was told from them, and one of twelve
     # was 22 nm off
-    assert sum(abs(got.value - 56 * NM) < got.expanded() for got in found) >= 11
+    assert sum(abs(got.value - 56 * NM) < got.compute_expanded_uncertainty() for got in found) >= 11
     # 48 nm before the bow was levelled
-    assert np.median([got.expanded() for got in found]) < 10 * NM
+    assert np.median([got.compute_expanded_uncertainty() for got in found]) < 10 * NM
 
 
 def test_a_domed_ridge_is_type_a2_to_its_apex():
@@ -132,8 +132,8 @@ def test_sheets_under_debris_are_as_high_as_they_are_and_grains_are_no_reference
     found = measure_groove(HeightMap(z, 2 * NM, 2 * NM), EXACT)
     floor = measure_masked_step(HeightMap(z, 2 * NM, 2 * NM)).floor
     got = found.values["groove_depth"]
-    assert abs(got.value - true[floor].mean()) < got.expanded()
-    assert got.expanded() < 0.5 * NM
+    assert abs(got.value - true[floor].mean()) < got.compute_expanded_uncertainty()
+    assert got.compute_expanded_uncertainty() < 0.5 * NM
     assert any("differ by" in note for note in found.notes)
     grains = np.where((random.random(true.shape) < 0.25) & (true < 0.01 * NM), 2.0 * NM, 0.0)
     with pytest.raises(MetrologyError, match="of what lies beside the features must be level, got"):
@@ -224,7 +224,7 @@ def camera_map(random, rows=16, strays=False, clip=()):
 def test_a_narrow_border_is_measured_in_every_row_whatever_lies_behind_or_beside_it(asked):
     found = measure_groove(camera_map(np.random.default_rng(2), **asked), EXACT)
     depth = found.values["groove_depth"]
-    assert abs(depth.value - 5e-3) < depth.expanded(0.99) < 60 * UM
+    assert abs(depth.value - 5e-3) < depth.compute_expanded_uncertainty(0.99) < 60 * UM
     assert not [note for note in found.notes if "refused" in note or "beyond" in note]
 
 
@@ -238,9 +238,9 @@ def test_the_shadow_of_a_wall_hides_no_edge_of_a_groove_and_is_in_its_width(begi
     z[random.random(z.shape) < 0.02] = np.nan
     found = measure_groove(HeightMap(z, 0.1e-3, 0.1e-3), EXACT)
     depth = found.values["groove_depth"]
-    assert abs(depth.value - 12e-3) < depth.expanded(0.99) < 60 * UM
+    assert abs(depth.value - 12e-3) < depth.compute_expanded_uncertainty(0.99) < 60 * UM
     width = found.values["feature_width"]  # its edge may lie anywhere in 1.2 mm of shadow
-    assert abs(width.value - 7e-3) < width.expanded(0.99) < 1.0e-3
+    assert abs(width.value - 7e-3) < width.compute_expanded_uncertainty(0.99) < 1.0e-3
     assert not [note for note in found.notes if "refused" in note or "beyond" in note]
 
 
@@ -256,10 +256,10 @@ def test_the_walls_of_a_feature_stand_within_the_flanks_that_a_cone_shows(sign, 
     scan = ScannedProfile(x, np.interp(x, fine, trace) + noise(x, 5))
     stylus = EvaluationOptions(stylus_radius=2 * UM, stylus_cone=np.radians(60.0))
     width = measure_groove(scan, EXACT, stylus).values["feature_width"]
-    assert abs(width.value - 600 * UM) < width.expanded()
-    assert width.expanded() < (20 * UM if wall < 29 * UM else 3 * UM)
+    assert abs(width.value - 600 * UM) < width.compute_expanded_uncertainty()
+    assert width.compute_expanded_uncertainty() < (20 * UM if wall < 29 * UM else 3 * UM)
     unstated = measure_groove(scan, EXACT).values["feature_width"]
-    assert unstated.expanded() > 1.5 * width.expanded()
+    assert unstated.compute_expanded_uncertainty() > 1.5 * width.compute_expanded_uncertainty()
 
 
 @pytest.mark.long
@@ -275,5 +275,7 @@ def test_unlike_grooves_beside_each_other_have_each_its_own_depth_and_no_mean():
         found = measure_groove(scan, EXACT)
         assert list(found.values) == [f"groove_depth_{number}" for number in (1, 2, 3)]
         for measured, depth in zip(found.values.values(), true, strict=True):
-            assert abs(measured.value - depth) < max(measured.expanded(0.99), 20 * NM)
+            assert abs(measured.value - depth) < max(
+                measured.compute_expanded_uncertainty(0.99), 20 * NM
+            )
         assert any("no mean is taken" in note for note in found.notes)

@@ -10,9 +10,9 @@ from scipy import stats
 
 from oracles.softgauge import correlated_noise, edge_gauge
 from stepblocks.inspect.edge import fit_edge, fit_step_height
-from stepblocks.inspect.filtering import FACE_CUTOFF, compute_mean_line, continue_face
+from stepblocks.inspect.filtering import FACE_CUTOFF, compute_mean_line, extrapolate_face_line
 from stepblocks.inspect.form import compute_flatness, estimate_zone, fit_face
-from stepblocks.inspect.working_edge.burr import find_burr
+from stepblocks.inspect.working_edge.burr import measure_burr
 
 
 def transmit(period, cutoff):
@@ -32,7 +32,7 @@ def test_a_wave_passes_the_filter_as_iso_16610_says(share):
 
 def test_a_face_that_is_a_line_continues_as_this_line():
     distance = np.arange(20e-6, 300e-6, 1e-6)
-    line = continue_face(distance, 3e-6 + 0.01 * distance)
+    line = extrapolate_face_line(distance, 3e-6 + 0.01 * distance)
     assert line.level == pytest.approx(3e-6)
     assert line.slope == pytest.approx(0.01)
 
@@ -129,13 +129,13 @@ def test_noise_lifts_a_sharp_burr_by_less_than_a_face():
         x = (np.arange(-800, 800) + random.uniform(-0.5, 0.5)) * 0.5e-6
         z = edge_gauge(x, 50e-6) + 1e-6 * np.clip(1.0 - np.abs(x - 20e-6) / 2e-6, 0.0, 1.0)
         z = z + correlated_noise(len(x), 0.5e-6, 5e-9, 40e-9, 2e-6, random)
-        off.append(find_burr(x[np.newaxis], z[np.newaxis], 50e-6, 8e-6).height.value - 1e-6)
+        off.append(measure_burr(x[np.newaxis], z[np.newaxis], 50e-6, 8e-6).height.value - 1e-6)
     assert abs(np.mean(off)) < 30e-9
 
 
 def test_the_riser_beside_a_corner_makes_no_burr_of_it():
     x = np.arange(-400.0, 400.0) * 1e-6
     z = edge_gauge(x, 50e-6) + 0.2e-6 * np.exp(-np.clip(x, 0.0, None) / 50e-6)
-    burr = find_burr(x[np.newaxis], z[np.newaxis], 50e-6, 16e-6)
+    burr = measure_burr(x[np.newaxis], z[np.newaxis], 50e-6, 16e-6)
     assert burr.height.value < 0.3e-6
     assert burr.sampling < 0.1e-6

@@ -143,7 +143,9 @@ def test_a_gap_and_its_discrepancies_are_unbiased_and_covered_at_their_rate():
         for key, got in measure_margin(
             ScannedProfile(x, z), Instrument(0.0, 0.0, 0.0)
         ).values.items():
-            found[key].append((got.value - truths[key], got.std, got.expanded()))
+            found[key].append(
+                (got.value - truths[key], got.std, got.compute_expanded_uncertainty())
+            )
     for key, rows in found.items():
         errors, stds, halves = np.array(rows).T
         assert abs(errors.mean()) < 0.1 * stds.mean() + 2.0 * errors.std() / 300**0.5, key

@@ -276,7 +276,7 @@ def test_a_rectangle_of_a_map_is_judged_by_itself_and_the_whole_map_by_all_of_it
         value = found.evaluation.values["step_height"]
         assert abs(value.value - true) < 10e-9
     whole = inspect_standard(scan, feature="edge").evaluation.values["step_height"]
-    assert whole.expanded() > 1e-6
+    assert whole.compute_expanded_uncertainty() > 1e-6
     with pytest.raises(MetrologyError, match="height map must have at least 2 x 3 points, got 1 x"):
         inspect_standard(scan, options=EvaluationOptions(area=(0.0, 1.2e-3, 0.0, 1e-6)))
 
@@ -339,7 +339,7 @@ def test_the_interval_of_a_step_that_leans_holds_its_height_square_to_its_faces(
     z += np.random.default_rng(3).normal(0.0, 20e-9, len(x))
     measured = inspect_standard((x, z), 50e-6, 1e-6, instrument=Instrument(0.0, 0.0, 0.0))
     height = next(iter(measured.evaluation.values.values()))
-    assert abs(height.value - 50e-6) < height.expanded()
+    assert abs(height.value - 50e-6) < height.compute_expanded_uncertainty()
     assert "tilt" in [component.name for component in height.components]
 
 

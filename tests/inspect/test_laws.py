@@ -11,10 +11,10 @@ from hypothesis import given, settings, strategies as st
 
 from oracles.softgauge import edge_gauge, groove_gauge
 from stepblocks.inspect.budget import Component, Instrument, Measured
-from stepblocks.inspect.conformity import Outcome, decide_conformity, judge_conformity
+from stepblocks.inspect.conformity import Outcome, decide_conformity, judge_measured_conformity
 from stepblocks.inspect.evaluation import EvaluationOptions
 from stepblocks.inspect.grooves import measure_groove
-from stepblocks.inspect.working_edge.burr import find_burr
+from stepblocks.inspect.working_edge.burr import measure_burr
 from stepblocks.inspect.working_edge.measure import measure_edge
 from stepblocks.inspect.working_edge.roughness import measure_ra
 from stepblocks.scans.read import read_scan
@@ -77,7 +77,7 @@ def test_all_lengths_scale_together(height, factor):
 def test_a_burr_is_proportional_to_the_heights_along_the_same_length(height, factor):
     z = edge(height)[np.newaxis]
     found, scaled = (
-        find_burr(X[np.newaxis], size * z, size * height * UM, 10 * UM) for size in (1.0, factor)
+        measure_burr(X[np.newaxis], size * z, size * height * UM, 10 * UM) for size in (1.0, factor)
     )
     assert found.height.value > 0.0
     assert scaled.height.value == pytest.approx(factor * found.height.value, rel=1e-9)
@@ -140,7 +140,7 @@ def test_a_burr_is_as_high_as_it_stands_wherever_it_stands(tall, place):
     z[0, np.searchsorted(u[0], place * UM) + np.arange(3)] += tall * UM
     wide = np.pad(z, ((0, 0), (60, 60)), mode="edge")
     across = (np.arange(wide.shape[1]) - wide.shape[1] / 2 + 0.5)[np.newaxis] * UM
-    found = find_burr(across, wide, 50 * UM, 3 * UM)
+    found = measure_burr(across, wide, 50 * UM, 3 * UM)
     # the sides of a peak may go on rising between two points: a rectangle of this half width
     slack = math.sqrt(3.0) * found.sampling + 0.05 * UM
     assert abs(found.height.value - tall * UM) <= slack
@@ -166,7 +166,9 @@ def test_one_more_component_never_narrows_an_interval(own, more):
     after = Measured("x", 0.0, (*parts, Component("calibration", more)))
     assert after.std >= before.std
     type_a = tuple(part for part in parts if part.is_type_a)
-    assert after.expanded() >= Measured("x", 0.0, type_a).expanded() * (1.0 - 1e-12)
+    assert after.compute_expanded_uncertainty() >= Measured(
+        "x", 0.0, type_a
+    ).compute_expanded_uncertainty() * (1.0 - 1e-12)
 
 
 @MANY
@@ -181,8 +183,8 @@ def test_a_wider_uncertainty_never_turns_doubt_into_proof(value, narrow, wide):
 @given(st.floats(-3e-6, 3e-6), st.floats(1e-9, 1e-6))
 def test_a_mirrored_tolerance_gives_the_mirrored_verdict(value, std):
     part = (Component("noise", std),)
-    here = judge_conformity(Measured("x", value, part), -1e-5, -1e-6, 2e-6)
-    there = judge_conformity(Measured("x", -value, part), 1e-5, -2e-6, 1e-6)
+    here = judge_measured_conformity(Measured("x", value, part), -1e-5, -1e-6, 2e-6)
+    there = judge_measured_conformity(Measured("x", -value, part), 1e-5, -2e-6, 1e-6)
     assert here.verdict is there.verdict
 
 
@@ -191,4 +193,4 @@ def test_a_burr_is_reported_where_four_fifths_of_its_zone_were_scanned(reach, kn
     # the zone is 0.2 mm wide; what lies beyond it is not asked for
     across = (np.arange(-200, reach) + 0.5)[np.newaxis] * UM
     z = np.where(across > 0.0, 50 * UM, 0.0)
-    assert (find_burr(across, z, 50 * UM, 3 * UM) is not None) is known
+    assert (measure_burr(across, z, 50 * UM, 3 * UM) is not None) is known

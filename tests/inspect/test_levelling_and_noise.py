@@ -21,10 +21,10 @@ from stepblocks.inspect.noise import (
     LEAST_SCATTER,
     compute_estimator_covariance,
     estimate_autocovariance,
-    estimate_linear,
     estimate_robust_scale,
     factor_covariance,
     find_outliers,
+    make_linear_estimate,
 )
 
 X = np.arange(-400, 400) * 1e-6
@@ -125,7 +125,9 @@ def test_the_mean_of_white_noise_is_known_to_its_scatter_over_the_root_of_n():
         noise = np.random.default_rng(seed).normal(0.0, 20e-9, count)
         ones = np.ones(count)
         found.append(
-            estimate_linear(0.0, ones / count, noise - noise.mean(), ones > 0.0, ones[np.newaxis])
+            make_linear_estimate(
+                0.0, ones / count, noise - noise.mean(), ones > 0.0, ones[np.newaxis]
+            )
         )
     assert np.sqrt(np.mean([one.std**2 for one in found])) == pytest.approx(
         20e-9 / math.sqrt(count), rel=0.05
@@ -142,7 +144,7 @@ def test_the_mean_of_a_moving_average_is_known_less_well_by_its_closed_form():
         noise = e[1:] + 0.8 * e[:-1]
         ones = np.ones(count)
         found.append(
-            estimate_linear(
+            make_linear_estimate(
                 0.0, ones / count, noise - noise.mean(), ones > 0.0, ones[np.newaxis]
             ).std
         )
@@ -151,12 +153,12 @@ def test_the_mean_of_a_moving_average_is_known_less_well_by_its_closed_form():
 
 def test_no_residuals_leave_no_uncertainty():
     ones = np.ones(100)
-    quiet = estimate_linear(0.0, ones / 100, 0.0 * ones, ones > 0.0, ones[np.newaxis])
+    quiet = make_linear_estimate(0.0, ones / 100, 0.0 * ones, ones > 0.0, ones[np.newaxis])
     assert (quiet.std, quiet.dof) == (0.0, math.inf)
     # a scatter below that of rounding is none either, one above it is
     turns = np.where(np.arange(100) % 2, 1.0, -1.0) * LEAST_SCATTER
     for share, certain in ((0.5, True), (2.0, False)):
-        found = estimate_linear(0.0, ones / 100, share * turns, ones > 0.0, ones[np.newaxis])
+        found = make_linear_estimate(0.0, ones / 100, share * turns, ones > 0.0, ones[np.newaxis])
         assert (found.std == 0.0) is certain
 
 

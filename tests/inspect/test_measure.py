@@ -17,7 +17,7 @@ from oracles.softgauge import (
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Instrument
 from stepblocks.inspect.edge_arc import (
-    Window,
+    EdgeWindow,
     _compute_unresolved_grid,
     compute_edge_profile,
     fit_arc,
@@ -25,7 +25,7 @@ from stepblocks.inspect.edge_arc import (
 from stepblocks.inspect.edge_flank import fit_flank, is_flank_of_surface
 from stepblocks.inspect.form import _DRAWS, fit_face
 from stepblocks.inspect.grooves import measure_groove
-from stepblocks.inspect.masked_step import _estimate_by_bands, measure_masked_step
+from stepblocks.inspect.masked_step import _estimate_depth_by_row_bands, measure_masked_step
 from stepblocks.inspect.measure import measure_margin, measure_tip
 from stepblocks.inspect.working_edge.measure import measure_edge
 from stepblocks.scans.scan import HeightMap, ScannedProfile
@@ -140,12 +140,12 @@ def test_the_radius_of_an_arc_is_found_where_only_its_window_is_given(radius):
     random = np.random.default_rng(3)
     levelled = edge_gauge(x, 30e-6, radius, riser=0.3e-6) + random.normal(0.0, 20e-9, len(x))
     gamma, none = np.array([20e-9**2]), np.zeros((1, len(x)))
-    arc = fit_arc(Window(x, levelled, 30e-6, 1e-6, gamma, none))
+    arc = fit_arc(EdgeWindow(x, levelled, 30e-6, 1e-6, gamma, none))
     assert arc.radius == pytest.approx(radius, abs=4.0 * arc.radius_std)
     assert arc.riser == pytest.approx(0.3e-6, abs=0.3e-6)
     assert arc.radius_limit > arc.radius
     with pytest.raises(MetrologyError, match="at least 8 points"):
-        Window(x[:5], levelled[:5], 30e-6, 1e-6, gamma, none[:, :5])
+        EdgeWindow(x[:5], levelled[:5], 30e-6, 1e-6, gamma, none[:, :5])
 
 
 def grating(missing=False):
@@ -226,14 +226,14 @@ def test_a_tip_is_a_sphere_through_its_cap_and_spikes_on_it_are_said():
     grid = np.arange(-50, 51) * 2e-6
     z = ball_gauge(grid, grid, 125.4e-6) + np.random.default_rng(5).normal(0.0, 20e-9, (101, 101))
     z[40, 40] += 3e-6
-    tip = measure_tip(HeightMap(z, 2e-6, 2e-6), EXACT, nominal=125e-6)
+    tip = measure_tip(HeightMap(z, 2e-6, 2e-6), EXACT, nominal_radius=125e-6)
     assert tip.values["ball_radius"].value == pytest.approx(
         125.4e-6, abs=4.0 * tip.values["ball_radius"].std
     )
     assert tip.notes[1].startswith("1 of ")
     assert tip.notes[1].endswith(" points left out as spikes")
     with pytest.raises(MetrologyError, match=r"must show a cap of a ball|sphere|points must"):
-        measure_tip(HeightMap(np.zeros((101, 101)), 2e-6, 2e-6), EXACT, nominal=125e-6)
+        measure_tip(HeightMap(np.zeros((101, 101)), 2e-6, 2e-6), EXACT, nominal_radius=125e-6)
 
 
 @pytest.mark.long
@@ -245,8 +245,11 @@ def test_form_of_a_ball_is_no_spike_and_widens_its_interval():
             (81, 81), 1.1e-6, 1e-9, 10e-9, 20e-6, random
         )
         z[:20, 60:] += 40e-9 * np.linspace(1.0, 0.0, 20)[:, np.newaxis] * np.linspace(0.0, 1.0, 21)
-        tip = measure_tip(HeightMap(z, 1.1e-6, 1.1e-6), EXACT, nominal=500e-6)
-        held += abs(tip.values["ball_radius"].value - 497e-6) < tip.values["ball_radius"].expanded()
+        tip = measure_tip(HeightMap(z, 1.1e-6, 1.1e-6), EXACT, nominal_radius=500e-6)
+        held += (
+            abs(tip.values["ball_radius"].value - 497e-6)
+            < tip.values["ball_radius"].compute_expanded_uncertainty()
+        )
         dropped = [int(note.split()[0]) for note in tip.notes if "spikes" in note]
         assert sum(dropped) < 0.02 * 81 * 81  # a whole corner went before the fit knew of form
     assert held >= 18  # of 63 in 100 while sixteen sectors of the cap counted as independent
@@ -259,9 +262,11 @@ def test_a_round_nose_of_a_profile_has_an_interval_from_its_form():
         z = np.sqrt((200e-6) ** 2 - x**2) + correlated_noise(
             len(x), 0.5e-6, 20e-9, 0.2e-6, 40e-6, np.random.default_rng(seed)
         )
-        found.append(measure_tip(ScannedProfile(x, z), EXACT, nominal=190e-6).values["ball_radius"])
-    assert sum(abs(one.value - 200e-6) < one.expanded() for one in found) >= 11
-    assert np.median([one.expanded() for one in found]) < 10e-6
+        found.append(
+            measure_tip(ScannedProfile(x, z), EXACT, nominal_radius=190e-6).values["ball_radius"]
+        )
+    assert sum(abs(one.value - 200e-6) < one.compute_expanded_uncertainty() for one in found) >= 11
+    assert np.median([one.compute_expanded_uncertainty() for one in found]) < 10e-6
 
 
 def test_a_point_off_the_arc_misses_it_by_its_radial_distance():
@@ -272,7 +277,7 @@ def test_a_point_off_the_arc_misses_it_by_its_radial_distance():
     on = (across > -radius + off) & (across < 0.0)
     z = compute_edge_profile(x, riser, 30e-6, radius)
     z[on] = 30e-6 - radius + np.sqrt((radius - off) ** 2 - across[on] ** 2)
-    window = Window(x, z, 30e-6, 1e-6, np.array([20e-9**2]), np.zeros((1, len(x))))
+    window = EdgeWindow(x, z, 30e-6, 1e-6, np.array([20e-9**2]), np.zeros((1, len(x))))
     missed = window.compute_residuals(np.array([riser]), np.array([radius]))[0]
     lean = np.sqrt(radius**2 - across[on] ** 2) / radius
     steep = lean > 0.3
@@ -286,7 +291,7 @@ def test_where_an_edge_too_sharp_for_the_sampling_may_lie_holds_the_place_where_
     x, spacing = np.arange(-30, 30) * 10e-6, 10e-6
     riser, radius = offset * spacing, 5.9 * spacing
     z = compute_edge_profile(x, riser, 40e-6, radius)
-    window = Window(x, z, 40e-6, spacing, np.array([20e-9**2]), np.zeros((1, len(x))))
+    window = EdgeWindow(x, z, 40e-6, spacing, np.array([20e-9**2]), np.zeros((1, len(x))))
     tried = _compute_unresolved_grid(window)
     radii, risers = tried.radii, tried.risers
     assert radii[-1] > radius
@@ -307,7 +312,7 @@ def test_bands_of_rows_of_one_size_scatter_as_their_mean_depths_do():
     depths = np.repeat([10.0, 11.0, 12.0, 13.0, 15.0], 3) * 1e-6
     share = np.where(known, 0.1, 0.0)
     depth = 12.2e-6  # their mean
-    found = _estimate_by_bands(depths, share, depth, known)
+    found = _estimate_depth_by_row_bands(depths, share, depth, known)
     squares = (np.array([10.0, 11.0, 12.0, 13.0, 15.0]) * 1e-6 - depth) ** 2
     # the standard deviation of a mean of five independent values
     assert found.std == pytest.approx(np.sqrt(squares.sum() / (5 * 4)))
@@ -334,7 +339,7 @@ def test_a_tip_says_whether_a_circle_or_a_sphere_was_fitted(kind):
         scan = ScannedProfile(x, np.sqrt((125e-6) ** 2 - x**2))
     else:
         scan = HeightMap(np.sqrt((125e-6) ** 2 - x**2 - x[:, None] ** 2), 1e-6, 1e-6)
-    assert kind in measure_tip(scan, EXACT, nominal=125e-6).convention
+    assert kind in measure_tip(scan, EXACT, nominal_radius=125e-6).convention
 
 
 def test_draws_of_a_form_come_in_mirrored_pairs():

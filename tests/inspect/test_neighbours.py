@@ -8,7 +8,7 @@ from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Instrument
 from stepblocks.inspect.conformity import Outcome
 from stepblocks.inspect.evaluation import EvaluationOptions
-from stepblocks.inspect.layout import find_layout
+from stepblocks.inspect.layout import build_declared_layout
 from stepblocks.inspect.run import inspect_scan
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.scans.scan import HeightMap, ScannedProfile
@@ -45,10 +45,10 @@ def verdicts(scan, part=PART):
 
 
 def test_the_layout_of_a_part_is_that_of_its_declaration():
-    near, far = find_layout(PART.characteristics()).walls
+    near, far = build_declared_layout(PART.characteristics()).walls
     assert near == pytest.approx((NEAR, -HEIGHT))
     assert far == pytest.approx((FAR, HEIGHT))
-    near, far = find_layout(RIDGED.characteristics()).walls
+    near, far = build_declared_layout(RIDGED.characteristics()).walls
     assert (near.place, far.place) == pytest.approx((-1e-3, -1.5e-3))
     assert near.rise < 0.0 < far.rise
 

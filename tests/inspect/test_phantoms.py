@@ -7,10 +7,10 @@ from oracles.softgauge import correlated_map, correlated_noise, edge_gauge
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Instrument
 from stepblocks.inspect.evaluation import AS_FOUND
-from stepblocks.inspect.feature import suggest_other_evaluation
+from stepblocks.inspect.feature import describe_alternative_evaluation
 from stepblocks.inspect.features import Feature, Levels
 from stepblocks.inspect.found_edges import FoundEdge, find_edges
-from stepblocks.inspect.groove_profile import _refuse_faces_not_level
+from stepblocks.inspect.groove_profile import _refuse_uneven_faces
 from stepblocks.inspect.grooves import measure_groove
 from stepblocks.inspect.noise import Estimate
 from stepblocks.inspect.run import inspect_standard
@@ -52,7 +52,7 @@ def test_a_step_is_found_where_enough_lines_lie_behind_it():
     z = correlated_map((128, 256), 0.1 * UM, NM, 5 * NM, 0.5 * UM, np.random.default_rng(0))
     z[-40:] -= 100 * NM
     found = measure_groove(HeightMap(z, 0.1 * UM, 0.1 * UM), EXACT).values["groove_depth"]
-    assert abs(found.value - 100 * NM) < found.expanded()
+    assert abs(found.value - 100 * NM) < found.compute_expanded_uncertainty()
 
 
 @pytest.mark.repeats
@@ -80,7 +80,7 @@ def test_a_profile_of_which_half_would_be_spikes_is_refused():
         found = measure_groove(ScannedProfile(x, z), EXACT).values["groove_depth"]
     except MetrologyError:
         return
-    assert abs(found.value - 540 * NM) < found.expanded()
+    assert abs(found.value - 540 * NM) < found.compute_expanded_uncertainty()
 
 
 def test_a_refusal_names_the_feature_that_would_answer():
@@ -90,7 +90,7 @@ def test_a_refusal_names_the_feature_that_would_answer():
         inspect_standard(teeth, feature="edge", instrument=EXACT)
     edge = ScannedProfile(x, edge_gauge(x, UM, riser=300 * UM) + random.normal(0.0, 5 * NM, 600))
     asked = Characteristic("depth", "depth", "distance", UM, 0.0, 0.0)
-    said = suggest_other_evaluation("groove_depth", edge, EXACT, asked, AS_FOUND)
+    said = describe_alternative_evaluation("groove_depth", edge, EXACT, asked, AS_FOUND)
     assert said == "; --feature edge measures it"
 
 
@@ -123,7 +123,7 @@ def test_edges_whose_flanks_overlap_may_stand_in_another_order():
     used = np.ones(100, dtype=bool)
     levels = Levels((height,), 1, z, used, 0, 99.0, 1.0, tuple(edges))
     with pytest.raises(MetrologyError, match="must keep half of their points"):
-        _refuse_faces_not_level(x, z, levels, height)
+        _refuse_uneven_faces(x, z, levels, height)
 
 
 def test_a_profile_of_which_half_is_missing_is_refused_for_that():

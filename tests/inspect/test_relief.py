@@ -82,7 +82,7 @@ def test_what_fails_beside_or_in_a_relief_fails_alone(shape, key):
     assert failed == [key]
     true = next(iter(shape.values()))
     measured = result.evaluation.values[key]
-    assert abs(measured.value - true) <= measured.expanded()
+    assert abs(measured.value - true) <= measured.compute_expanded_uncertainty()
 
 
 def trace_by_stylus(**shape):

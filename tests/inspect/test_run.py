@@ -20,7 +20,7 @@ from stepblocks.inspect.conformity import (
     Outcome,
     combine_verdicts,
     decide_conformity,
-    judge_conformity,
+    judge_measured_conformity,
 )
 from stepblocks.inspect.evaluation import EvaluationOptions
 from stepblocks.inspect.feature import EVALUATIONS
@@ -252,6 +252,10 @@ def test_what_cannot_be_negative_has_no_lower_limit_at_zero_and_a_fall_has_one()
     def measured(value):
         return Measured("x", value, (Component("noise", 10e-9),))
 
-    assert judge_conformity(measured(1e-9), 0.0, 0.0, 2e-6).lower == -math.inf
-    assert judge_conformity(measured(10e-6), 10e-6, -1e-6, 1e-6).lower == pytest.approx(9e-6)
-    assert judge_conformity(measured(-10e-6), -10e-6, -1e-6, 1e-6).lower == pytest.approx(-11e-6)
+    assert judge_measured_conformity(measured(1e-9), 0.0, 0.0, 2e-6).lower == -math.inf
+    assert judge_measured_conformity(measured(10e-6), 10e-6, -1e-6, 1e-6).lower == pytest.approx(
+        9e-6
+    )
+    assert judge_measured_conformity(measured(-10e-6), -10e-6, -1e-6, 1e-6).lower == pytest.approx(
+        -11e-6
+    )

@@ -12,11 +12,11 @@ from oracles.softgauge import correlated_noise, groove_gauge, with_faults
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.budget import Component, Instrument, Measured, ScalePowers, average_profiles
 from stepblocks.inspect.found_edges import find_edges
-from stepblocks.inspect.groove_profile import _evaluate_by_windows
+from stepblocks.inspect.groove_profile import _evaluate_type_a1_if_better
 from stepblocks.inspect.grooves import measure_groove
 from stepblocks.inspect.masked_step import measure_masked_step
 from stepblocks.inspect.noise import Estimate
-from stepblocks.inspect.type_a1 import evaluate_a1
+from stepblocks.inspect.type_a1 import evaluate_type_a1
 from stepblocks.scans.read import read_scan
 from stepblocks.scans.scan import HeightMap, ScannedProfile
 
@@ -37,7 +37,7 @@ def draw(seed, depth=10e-6, flank=20e-6):
 @pytest.mark.parametrize("depth", [37.4e-6, 0.5e-6, -10e-6])
 @pytest.mark.parametrize("tilt", [0.0, 3e-3])
 def test_without_noise_the_depth_is_exact_at_any_tilt_and_offset(depth, tilt):
-    result = evaluate_a1(
+    result = evaluate_type_a1(
         X, groove_gauge(X, depth, 300e-6, 600e-6, 20e-6, tilt) + 1e-3, (300e-6, 600e-6)
     )
     assert result.depth.value == pytest.approx(depth, abs=1e-15)
@@ -49,14 +49,14 @@ def test_without_noise_the_depth_is_exact_at_any_tilt_and_offset(depth, tilt):
 def test_rounding_is_neither_spike_nor_noise(flank, tilt):
     for depth in (37.4e-6, 0.5e-6, -10e-6):
         z = groove_gauge(X, depth, 300e-6, 600e-6, flank, tilt) + 1e-3
-        result = evaluate_a1(X, z, (300e-6, 600e-6))
+        result = evaluate_type_a1(X, z, (300e-6, 600e-6))
         assert (result.outliers, result.depth.std) == (0, 0.0)
 
 
 def test_the_windows_are_those_of_the_standard():
     # ISO 5436-1: A = [L - W, L - W/3], C = middle third, B = [R + W/3, R + W] with L = 300, R =
     # 600, W = 300 um
-    result = evaluate_a1(X, groove_gauge(X, 10e-6, 300e-6, 600e-6), (300e-6, 600e-6))
+    result = evaluate_type_a1(X, groove_gauge(X, 10e-6, 300e-6, 600e-6), (300e-6, 600e-6))
     expected = ((0.0, 200e-6), (400e-6, 500e-6), (700e-6, 900e-6))
     for window, wanted in zip(result.windows, expected, strict=True):
         assert window == pytest.approx(wanted, abs=1e-9)
@@ -79,7 +79,7 @@ def test_depth_is_unbiased_and_its_stated_interval_covers_at_its_stated_rate(
     length, missing, spikes
 ):
     results = [
-        evaluate_a1(X, noisy(seed, length, missing, spikes), (300e-6, 600e-6))
+        evaluate_type_a1(X, noisy(seed, length, missing, spikes), (300e-6, 600e-6))
         for seed in range(250)
     ]
     errors = np.array([result.depth.value - 10e-6 for result in results])
@@ -93,18 +93,18 @@ def test_depth_is_unbiased_and_its_stated_interval_covers_at_its_stated_rate(
 
 def test_longer_correlation_leaves_fewer_degrees_of_freedom_and_missing_points_take_some():
     dof = [
-        evaluate_a1(X, noisy(1, length), (300e-6, 600e-6)).depth.dof
+        evaluate_type_a1(X, noisy(1, length), (300e-6, 600e-6)).depth.dof
         for length in (0.0, 3e-6, 20e-6)
     ]
     assert dof[0] > 2.0 * dof[1] > 4.0 * dof[2] > 4.0
-    assert evaluate_a1(X, noisy(1, 3e-6, 400), (300e-6, 600e-6)).depth.dof < dof[1]
+    assert evaluate_type_a1(X, noisy(1, 3e-6, 400), (300e-6, 600e-6)).depth.dof < dof[1]
 
 
 def test_spikes_are_left_out_and_counted_and_too_many_are_refused():
     clean, spiked = noisy(5, 3e-6), noisy(5, 3e-6, spikes=25)
     whole, result = (
-        evaluate_a1(X, clean, (300e-6, 600e-6)),
-        evaluate_a1(X, spiked, (300e-6, 600e-6)),
+        evaluate_type_a1(X, clean, (300e-6, 600e-6)),
+        evaluate_type_a1(X, spiked, (300e-6, 600e-6)),
     )
     windows = (
         np.concatenate([(a - 1e-12 <= X) & (b + 1e-12 >= X) for a, b in whole.windows])
@@ -116,7 +116,7 @@ def test_spikes_are_left_out_and_counted_and_too_many_are_refused():
     with pytest.raises(
         MetrologyError, match=r"at most 10% spikes|a flank or a defect reaches into"
     ):
-        evaluate_a1(X, noisy(5, 3e-6, spikes=200), (300e-6, 600e-6))
+        evaluate_type_a1(X, noisy(5, 3e-6, spikes=200), (300e-6, 600e-6))
 
 
 def test_edges_are_found_at_half_depth_whatever_the_tilt():
@@ -138,8 +138,10 @@ def test_flanks_that_reach_into_the_windows_are_refused_by_name():
         MetrologyError,
         match="window A of type A1 must lie on a face, but a flank or a defect reaches into it",
     ):
-        evaluate_a1(X, z, (300e-6, 600e-6))
-    narrow = evaluate_a1(X, groove_gauge(X, 37.4e-6, 300e-6, 600e-6, flank=20e-6), (300e-6, 600e-6))
+        evaluate_type_a1(X, z, (300e-6, 600e-6))
+    narrow = evaluate_type_a1(
+        X, groove_gauge(X, 37.4e-6, 300e-6, 600e-6, flank=20e-6), (300e-6, 600e-6)
+    )
     assert narrow.depth.value == pytest.approx(37.4e-6, abs=8e-9)
 
 
@@ -156,7 +158,10 @@ def test_a_long_flank_is_one_edge_and_not_two_steps(flank):
 def test_missing_points_change_nothing_but_the_uncertainty():
     z = draw(4)
     holes = with_faults(z, np.random.default_rng(2), missing=300)
-    whole, part = evaluate_a1(X, z, (300e-6, 600e-6)), evaluate_a1(X, holes, (300e-6, 600e-6))
+    whole, part = (
+        evaluate_type_a1(X, z, (300e-6, 600e-6)),
+        evaluate_type_a1(X, holes, (300e-6, 600e-6)),
+    )
     assert part.depth.value == pytest.approx(whole.depth.value, abs=2.0 * part.depth.std)
 
 
@@ -169,7 +174,7 @@ def test_missing_points_change_nothing_but_the_uncertainty():
 )
 def test_what_is_no_type_a1_profile_is_refused_with_the_rule(x, z, edges, rule):
     with pytest.raises(MetrologyError, match=rule):
-        evaluate_a1(x, z, edges)
+        evaluate_type_a1(x, z, edges)
 
 
 def test_a_map_of_holes_gives_their_depth_and_levelling_does_not_see_them():
@@ -206,7 +211,7 @@ def test_the_nsfopen_gratings_give_their_independently_known_depths_within_1_nm(
     own = [part.std for part in got.components if part.name != "calibration"]
     assert np.hypot.reduce(own) < 2e-9
     assert got.unstated == ("calibration",)
-    assert abs(got.value - depth) < got.expanded()
+    assert abs(got.value - depth) < got.compute_expanded_uncertainty()
     assert inspected.convention.startswith("masked step over")
     assert "the features differ by" in inspected.notes[0]
 
@@ -225,7 +230,7 @@ def test_a_budget_adds_in_squares_and_counts_degrees_of_freedom_by_welch_and_sat
     assert budget.std == pytest.approx(5.0)
     assert budget.dof == pytest.approx(625.0 / (81.0 / 4.0))
     # Student's t at 30.9 degrees, tables
-    assert budget.expanded() == pytest.approx(5.0 * 2.0399, rel=1e-3)
+    assert budget.compute_expanded_uncertainty() == pytest.approx(5.0 * 2.0399, rel=1e-3)
 
 
 def test_what_is_not_stated_is_named_and_not_silently_zero():
@@ -241,8 +246,8 @@ def test_what_is_not_stated_is_named_and_not_silently_zero():
 
 def test_a_width_answers_to_the_lateral_scale_and_a_radius_to_both():
     known = Instrument(1e-3, 0.0, 2e-3)
-    width = average_profiles("width", quiet([50e-6]), known, powers=ScalePowers(0.0, 1.0))
-    radius = average_profiles("radius", quiet([50e-6]), known, powers=ScalePowers(1.0, 2.0))
+    width = average_profiles("width", quiet([50e-6]), known, scale_powers=ScalePowers(0.0, 1.0))
+    radius = average_profiles("radius", quiet([50e-6]), known, scale_powers=ScalePowers(1.0, 2.0))
     parts = {one.name: one.std for one in width.components}
     assert parts["lateral calibration"] == pytest.approx(100e-9)
     assert "calibration" not in parts
@@ -251,7 +256,9 @@ def test_a_width_answers_to_the_lateral_scale_and_a_radius_to_both():
     )
     assert (
         "lateral calibration"
-        in average_profiles("w", quiet([5e-5]), Instrument(1e-3), powers=ScalePowers(0, 1)).unstated
+        in average_profiles(
+            "w", quiet([5e-5]), Instrument(1e-3), scale_powers=ScalePowers(0, 1)
+        ).unstated
     )
 
 
@@ -270,7 +277,7 @@ def test_budgets_over_profiles_cover_at_their_rate_for_any_number_and_scatter(co
         if count <= 5:
             assert budget.std == pytest.approx(np.std(values, ddof=1) / np.sqrt(count))
         assert budget.dof == pytest.approx({2: 1, 3: 2, 6: 4, 12: 4, 60: 6}[count])
-        hits += abs(budget.value - 10e-6) < budget.expanded(0.95)
+        hits += abs(budget.value - 10e-6) < budget.compute_expanded_uncertainty(0.95)
     assert hits / 600 == pytest.approx(0.95, abs=0.0267)
 
 
@@ -288,7 +295,7 @@ def test_profiles_whose_neighbours_err_together_do_not_count_as_independent(coun
         for row in range(1, count):
             values[row] = 0.4 * values[row - 1] + np.sqrt(1.0 - 0.4**2) * steps[row]
         budget = average_profiles("height", quiet(values), Instrument(0.0, 0.0))
-        hits += abs(budget.value) < budget.expanded(0.95)
+        hits += abs(budget.value) < budget.compute_expanded_uncertainty(0.95)
         plain += abs(values.mean()) < 2.0 * np.std(values, ddof=1) / np.sqrt(count)
     assert least < hits / 600 < 0.97
     assert plain / 600 < 0.86
@@ -304,9 +311,9 @@ def test_a_bowed_surface_is_judged_by_the_windows_of_type_a1_alone():
     groove, used = SimpleNamespace(begin=1200e-6, end=1800e-6), np.abs(x - 1.2e-3) > 5e-6
     for speck in (0.0, 5e-6):
         levels = SimpleNamespace(level=level - speck * (x < 200e-6), used=used)
-        assert _evaluate_by_windows(x, z, levels, groove) is None
+        assert _evaluate_type_a1_if_better(x, z, levels, groove) is None
     flat = SimpleNamespace(level=groove_gauge(x, 30e-6, 1200e-6, 1800e-6, 0.0), used=used)
-    assert _evaluate_by_windows(x, z - level + flat.level, flat, groove).kind == "A1"
+    assert _evaluate_type_a1_if_better(x, z - level + flat.level, flat, groove).kind == "A1"
 
 
 @pytest.mark.parametrize("shift", [0.0, 1e-3, -450e-6])
@@ -315,6 +322,6 @@ def test_the_apex_of_a_domed_floor_is_that_of_its_parabola_wherever_the_scan_beg
     middle = 450e-6
     inside = np.abs(X - middle) < 150e-6
     z = np.where(inside, -10e-6 + 5e-6 * ((X - middle) / 150e-6) ** 2, 0.0)
-    found = evaluate_a1(X + shift, z, (300e-6 + shift, 600e-6 + shift))
+    found = evaluate_type_a1(X + shift, z, (300e-6 + shift, 600e-6 + shift))
     assert found.kind == "A2"
     assert found.depth.value == pytest.approx(10e-6, abs=1e-12)

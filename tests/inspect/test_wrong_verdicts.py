@@ -87,7 +87,7 @@ def test_a_burr_or_a_ridge_near_the_edge_does_not_conform(tall, at, gauge):
     found = outcome(result, "burr")
     assert found.verdict is Outcome.DOES_NOT_CONFORM
     assert found.value == pytest.approx(
-        tall, abs=max(result.evaluation.values["burr"].expanded(), 0.3 * UM)
+        tall, abs=max(result.evaluation.values["burr"].compute_expanded_uncertainty(), 0.3 * UM)
     )
     assert result.verdict is Outcome.DOES_NOT_CONFORM
 
@@ -145,7 +145,7 @@ def test_the_straightness_of_a_riser_is_the_width_of_the_zone_that_holds_its_mid
     assert outcome(result, "riser_straightness").verdict is Outcome.CONFORMS
     # one profile knows it as well as the noise allows: its interval holds the closed form
     measured = result.evaluation.values["riser_straightness"]
-    assert abs(measured.value - zone) < measured.expanded() < 0.1 * UM
+    assert abs(measured.value - zone) < measured.compute_expanded_uncertainty() < 0.1 * UM
 
 
 @pytest.mark.repeats
@@ -159,7 +159,7 @@ def test_the_noise_of_a_straight_riser_is_no_form(seed):
 
     found = inspected(profile_of(sloped, step=0.5 * UM, rough=0.0), OPTICAL).evaluation.values
     straight = found["riser_straightness"]
-    assert 0.0 <= straight.value < straight.expanded(0.99) < 0.15 * UM
+    assert 0.0 <= straight.value < straight.compute_expanded_uncertainty(0.99) < 0.15 * UM
 
 
 # 3. Part for whole
@@ -309,8 +309,8 @@ def test_the_edge_radius_of_a_map_bears_what_its_pixels_average(degrees, radius)
     found = measure_edge(map_of(lambda x: block(x, radius), degrees), KNOWN, OPTICAL).values[
         "edge_radius"
     ]
-    assert abs(found.value - radius) < found.expanded()
-    assert found.expanded() > 0.44 * UM  # 95 % of a pixel of 1 um, turned
+    assert abs(found.value - radius) < found.compute_expanded_uncertainty()
+    assert found.compute_expanded_uncertainty() > 0.44 * UM  # 95 % of a pixel of 1 um, turned
 
 
 @pytest.mark.repeats
@@ -321,7 +321,7 @@ def test_the_edge_radius_of_a_map_bears_where_its_pixels_lie_which_is_alike_in_a
 ):
     shifted = map_of(lambda x: block(x + place * UM, radius), size=(300, 8))
     found = measure_edge(shifted, KNOWN, OPTICAL).values["edge_radius"]
-    assert abs(found.value - radius) < found.expanded()
+    assert abs(found.value - radius) < found.compute_expanded_uncertainty()
 
 
 def test_a_bowed_face_leaves_the_edge_radius_as_well_known_as_a_level_one():
@@ -332,8 +332,8 @@ def test_a_bowed_face_leaves_the_edge_radius_as_well_known_as_a_level_one():
             lambda x: block(x, 3 * UM) + 0.2 * UM * (x / (500 * UM)) ** 2,
         )
     )
-    assert abs(bowed.value - 3 * UM) < bowed.expanded(0.99)
-    assert bowed.expanded() < 3.0 * level.expanded()
+    assert abs(bowed.value - 3 * UM) < bowed.compute_expanded_uncertainty(0.99)
+    assert bowed.compute_expanded_uncertainty() < 3.0 * level.compute_expanded_uncertainty()
 
 
 def test_a_stylus_that_nobody_stated_rejects_no_good_block():
@@ -344,9 +344,9 @@ def test_a_stylus_that_nobody_stated_rejects_no_good_block():
     assert outcome(unstated, "edge_radius").verdict is Outcome.NOT_PROVEN
     stated = EvaluationOptions(stylus_radius=5 * UM, stylus_cone=math.radians(60.0))
     value = inspected(scan, stated).evaluation.values["edge_radius"]
-    assert abs(value.value - 0.5 * UM) < value.expanded()
-    assert value.expanded() > 1.0 * UM  # the tip of 5 um is known to a quarter
-    assert value.expanded() < 1.1 * 1.25 * UM  # a rectangle ends there
+    assert abs(value.value - 0.5 * UM) < value.compute_expanded_uncertainty()
+    assert value.compute_expanded_uncertainty() > 1.0 * UM  # the tip of 5 um is known to a quarter
+    assert value.compute_expanded_uncertainty() < 1.1 * 1.25 * UM  # a rectangle ends there
 
 
 def test_no_radius_is_below_zero_and_a_stylus_blunter_than_the_scan_is_called_wrong():
@@ -378,7 +378,7 @@ def test_an_unstated_calibration_counts_by_a_default_with_its_source_and_a_state
     widths = [
         inspected(scan, instrument=Instrument(std, 0.0, 1e-3))
         .evaluation.values["step_height"]
-        .expanded()
+        .compute_expanded_uncertainty()
         for std in (0.0, 1e-4, 1e-3, 1e-2)
     ]
     assert widths == sorted(widths)
@@ -391,12 +391,16 @@ def test_few_readings_keep_their_interval_in_qif_and_sheet_and_get_no_certificat
     found = Evaluation({"step_height": height}, "two planes", ())
     asked = frozenset({"step_height"})
     result = judge_part(part, found, Path("a.csv"), "0" * 64, NO_ORDER, asked)
-    assert height.expanded() == pytest.approx(4.303 * 0.05 * UM, rel=1e-3)  # Student's, 2 degrees
+    assert height.compute_expanded_uncertainty() == pytest.approx(
+        4.303 * 0.05 * UM, rel=1e-3
+    )  # Student's, 2 degrees
     files = {one.name.split(".", 1)[1]: one for one in write_inspection(result, tmp_path)}
     for name in ("qif", "csv"):
         ending = next(end for end in files if end.endswith(name))
         back = inspect_scan(files[ending], "step-050", stimuli=STIMULI).evaluation
-        assert back.values["step_height"].expanded() == pytest.approx(height.expanded(), rel=0.01)
+        assert back.values["step_height"].compute_expanded_uncertainty() == pytest.approx(
+            height.compute_expanded_uncertainty(), rel=0.01
+        )
     said = files["dcc.xml"].read_text()
     assert "too few profiles or scans: coverage factor 4.30" in said
     assert "four scans of the part or more suffice" in said
@@ -458,7 +462,7 @@ def test_the_cone_of_a_stylus_over_a_low_step_is_no_rounded_edge(spacing, bound)
     found = measure_edge(ScannedProfile(x, z), KNOWN, how).values["edge_radius"]
     assert found.bound == bound
     if not bound:
-        assert abs(found.value - 0.8 * UM) < found.expanded()
+        assert abs(found.value - 0.8 * UM) < found.compute_expanded_uncertainty()
 
 
 @pytest.mark.long
@@ -467,6 +471,6 @@ def test_a_turned_map_is_evaluated_across_its_edge(degrees):
     scan = map_of(block, degrees, size=(150, 150))
     values = measure_edge(scan, KNOWN, OPTICAL).values
     assert abs(values["step_height"].value - 50 * UM) < max(
-        values["step_height"].expanded(), 0.05 * UM
+        values["step_height"].compute_expanded_uncertainty(), 0.05 * UM
     )
     assert values["flatness_upper"].value < 0.3 * UM

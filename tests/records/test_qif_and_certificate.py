@@ -210,7 +210,7 @@ def certificate_of(folder, laboratory=None):
     )
     result = inspect_scan(folder / "a.qif", "step-050", stimuli=STIMULI / "paper-ten.toml")
     path = folder / "step-050.dcc.xml"
-    write_certificate(path, PARTS["step-050"], result.describe(), ORDER, "ab" * 32, laboratory)
+    write_certificate(path, PARTS["step-050"], result.build_record(), ORDER, "ab" * 32, laboratory)
     return path
 
 
@@ -303,7 +303,7 @@ def test_the_owner_of_an_order_is_the_customer(tmp_path):
         (OrderSpec(author="A. Maker"), "A. Maker"),
     ):
         content = build_certificate_content(
-            PARTS["step-050"], result.describe(), order, "ab" * 32, None
+            PARTS["step-050"], result.build_record(), order, "ab" * 32, None
         )
         assert content.customer == customer
 
@@ -314,7 +314,7 @@ def test_a_page_says_when_it_is_issued_for_whom_and_has_a_line_to_sign(tmp_path)
     laboratory = LABORATORY.model_copy(update={"issued": date(2026, 11, 22)})
     order = OrderSpec(owner="Clinic")
     content = build_certificate_content(
-        PARTS["step-050"], result.describe(), order, "ab" * 32, laboratory
+        PARTS["step-050"], result.build_record(), order, "ab" * 32, laboratory
     )
     page = content.render("certificate.txt.j2")
     assert "issued: 2026-11-22" in page
@@ -331,7 +331,7 @@ def test_a_page_that_the_disk_has_no_room_for_is_an_error_of_the_disk(tmp_path):
     page.unlink()
     result = inspect_scan(tmp_path / "a.qif", "step-050", stimuli=STIMULI / "paper-ten.toml")
     content = build_certificate_content(
-        PARTS["step-050"], result.describe(), ORDER, "ab" * 32, None
+        PARTS["step-050"], result.build_record(), ORDER, "ab" * 32, None
     )
     usual = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)

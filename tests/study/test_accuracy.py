@@ -14,12 +14,12 @@ from stepblocks.study.analysis.accuracy import (
     MEASURES,
     analyse_measure,
     assess_equivalence,
-    compare_groups,
-    compute_measure,
+    compare_participant_groups,
+    compute_measure_values,
 )
 from stepblocks.study.analysis.anova import Interval
 from stepblocks.study.design.simulate import Observer
-from stepblocks.study.power import SimulatedStudy, compute_p_value, estimate_power
+from stepblocks.study.power import SimulatedStudy, estimate_power, simulate_p_value
 
 DATA = Path(__file__).parent / "data"
 # by accuracy.R beside it; "origin" says with which versions
@@ -118,11 +118,14 @@ def test_a_margin_of_equivalence_is_positive(judgements):
 
 def test_the_spread_leaves_out_what_a_block_s_own_bias_adds(judgements):
     moved = judgements.assign(error=judgements["error"] + judgements["height"] * 1e-6)
-    before, after = compute_measure(judgements, "spread")[0], compute_measure(moved, "spread")[0]
+    before, after = (
+        compute_measure_values(judgements, "spread")[0],
+        compute_measure_values(moved, "spread")[0],
+    )
     assert after["value"].to_numpy() == pytest.approx(before["value"].to_numpy(), abs=1e-9)
     once = judgements.drop_duplicates(["participant", "condition", "stimulus"])
     with pytest.raises(StudyError, match="spread needs judgements of a block that are repeated"):
-        compute_measure(once, "spread")
+        compute_measure_values(once, "spread")
 
 
 def test_a_group_of_one_is_refused(judgements):
@@ -130,7 +133,7 @@ def test_a_group_of_one_is_refused(judgements):
         group=np.where(judgements["participant"] == "1", "a", "b"), value=0.0
     )
     with pytest.raises(StudyError, match="at least two participants each"):
-        compare_groups(lonely)
+        compare_participant_groups(lonely)
 
 
 HEIGHTS = (50e-6, 70e-6, 90e-6)
@@ -161,7 +164,7 @@ def test_noise_bias_and_neither_are_distinguished(change, seen):
     """
     plans = [plan(**change, measure=name) for name in MEASURES]
     hits = [
-        np.mean([compute_p_value(one, "f-test", seed) < 0.05 for seed in range(40)])
+        np.mean([simulate_p_value(one, "f-test", seed) < 0.05 for seed in range(40)])
         for one in plans
     ]
     for share, there in zip(hits, seen, strict=True):
@@ -185,8 +188,8 @@ def test_power_is_of_the_statistic_that_is_asked_for():
 def test_errors_are_blocked_by_stimulus_where_there_are_two_and_not_where_there_is_one(judgements):
     first, second = judgements["stimulus"].unique()[:2]
     two = judgements[judgements["stimulus"].isin([first, second])]
-    assert compute_measure(two, "error")[1] == "stimulus"
-    assert compute_measure(two[two["stimulus"] == first], "error")[1] == ""
+    assert compute_measure_values(two, "error")[1] == "stimulus"
+    assert compute_measure_values(two[two["stimulus"] == first], "error")[1] == ""
 
 
 def test_each_participant_s_spread_counts_the_blocks_that_it_judged_itself():
@@ -203,5 +206,5 @@ def test_each_participant_s_spread_counts_the_blocks_that_it_judged_itself():
         for error in judged
     ]
     frame = pd.DataFrame(rows, columns=["participant", "condition", "stimulus", "error"])
-    spread = compute_measure(frame, "spread")[0].set_index("participant")["value"]
+    spread = compute_measure_values(frame, "spread")[0].set_index("participant")["value"]
     assert np.exp(2.0 * spread).to_dict() == pytest.approx({"A": 5.0, "B": 4.0, "C": 4.0})

@@ -12,13 +12,13 @@ from scipy.stats import entropy
 import stepblocks
 from stepblocks.errors import StudyError
 from stepblocks.study.analysis.population import Grid, Population
-from stepblocks.study.analysis.psychometric import Z75, compute_weber
+from stepblocks.study.analysis.psychometric import Z75, compute_weber_fraction
 from stepblocks.study.conduct.run import open_run
 from stepblocks.study.design.adaptive import (
     Prior,
-    complete_prior,
     compute_expected_entropy,
     order_trials,
+    parse_prior,
     tabulate_prior,
 )
 from stepblocks.study.design.read import read_answers, read_design
@@ -38,7 +38,7 @@ def believe(prior, answers):
 @pytest.mark.long
 def test_the_posterior_is_that_of_direct_integration():
     # Bayes' rule with scipy's adaptive quadrature; lapse rates as the grid has them
-    prior = complete_prior({"equal": "1.1", "weber": 0.25})
+    prior = parse_prior({"equal": "1.1", "weber": 0.25})
     answers = [(0, False), (5, True), (6, True), (3, False), (4, True), (9, True), (2, True)]
     answers += [(7, True), (4, False), (5, False), (8, True), (3, False)]
     posterior, _, axes = believe(prior, answers)
@@ -106,10 +106,12 @@ def test_observers_who_lapse_are_measured_without_bias():
     grid = Grid(LEVELS, hits, totals)
     model = Population(grid.likelihood, grid.axes)
     assert math.exp(model.best.x[0]) == pytest.approx(1.08, abs=0.02)
-    assert compute_weber(model.best.x[2]) == pytest.approx(0.25, rel=0.06)
+    assert compute_weber_fraction(model.best.x[2]) == pytest.approx(0.25, rel=0.06)
     middle, spread = np.median(own, axis=0)
     assert math.exp(middle) == pytest.approx(1.08, abs=0.02)
-    assert compute_weber(spread) == pytest.approx(0.25, rel=0.1)  # the prior draws each to 0.2
+    assert compute_weber_fraction(spread) == pytest.approx(
+        0.25, rel=0.1
+    )  # the prior draws each to 0.2
 
 
 def design(folder, **more):
@@ -241,7 +243,7 @@ def test_an_answer_to_one_setting_moves_that_setting_alone():
         for number, probe in enumerate("abab")
         for index, height in enumerate((40, 60, 70))
     ]
-    prior = complete_prior({"trials": 2})
+    prior = parse_prior({"trials": 2})
     first = order_trials(planned, [], prior)[0]
     assert first["factor_probe"] == "a"
     answer = {"trial": first["trial"], "second_is_higher": "y"}

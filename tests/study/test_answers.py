@@ -17,7 +17,7 @@ from stepblocks.study.analysis.people import describe_unusual_participants
 from stepblocks.study.analysis.result_table import COLUMNS
 from stepblocks.study.design.blocks import Item
 from stepblocks.study.design.read import SheetRow, read_answers, read_design
-from stepblocks.study.design.sheet import blind_row, format_key
+from stepblocks.study.design.sheet import format_code_key_csv, make_blinded_row
 from stepblocks.study.design.simulate import Observer
 from stepblocks.study.design.simulated_answers import simulate_answers
 
@@ -53,7 +53,7 @@ def test_missing_cells_are_counted_and_named(study):
         answers[3].key,
         answers[10].key,
     ]
-    assert "2 missing judgements" in " ".join(table.notes())
+    assert "2 missing judgements" in " ".join(table.list_notes())
     result = table.analyse()
     assert result.measure("bias").f_test.terms[0].df_error == 46 - 6
     assert "2 missing judgements" in " ".join(result.notes)
@@ -65,7 +65,7 @@ def test_a_participant_who_left_is_left_out_and_named(study):
     table = join_answers(design, half)
     assert table.left == ("3",)
     assert "3" not in set(table.frame["participant"])
-    assert "participant 3" in " ".join(table.notes())
+    assert "participant 3" in " ".join(table.list_notes())
     gone = join_answers(design, [row for row in answers if row.key.participant != "2"])
     assert gone.left == ("2",)
 
@@ -159,7 +159,7 @@ def test_a_rating_off_its_scale_is_refused(value):
 def test_a_damaged_file_is_refused_by_name(study, tmp_path, damage, message):
     design, _ = study
     path = tmp_path / "answers.csv"
-    damaged = damage(format_csv(map(blind_row, design)))
+    damaged = damage(format_csv(map(make_blinded_row, design)))
     path.write_bytes(damaged if isinstance(damaged, bytes) else damaged.encode())
     with pytest.raises(StudyError, match=message) as caught:
         read_answers(path, "estimates")
@@ -174,7 +174,7 @@ def test_files_come_back_as_they_were_written(tmp_path):
     rows = read_design(path)
     assert rows == design.trials
     sheet = tmp_path / "sheet.csv"
-    sheet.write_text(format_csv(map(blind_row, rows)))
+    sheet.write_text(format_csv(map(make_blinded_row, rows)))
     assert len(read_answers(sheet, "constant")) == len(rows)
 
 
@@ -182,8 +182,8 @@ def test_run_sheets_are_blind_and_the_key_opens_them():
     design = compared(3, BLOCKS, 2, 3, "step-050")
     rows = design.trials
     sheet, key = (
-        format_csv(map(blind_row, rows)),
-        list(csv.DictReader(io.StringIO(format_key(design.blocks)))),
+        format_csv(map(make_blinded_row, rows)),
+        list(csv.DictReader(io.StringIO(format_code_key_csv(design.blocks)))),
     )
     for item in BLOCKS:
         assert item.identity not in sheet

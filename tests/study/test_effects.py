@@ -6,7 +6,7 @@ from statsmodels.stats.power import TTestPower
 import stepblocks
 from stepblocks.errors import StudyError
 from stepblocks.study.design.simulate import Observer
-from stepblocks.study.power import SimulatedStudy, compute_p_value, simulate_difference_spread
+from stepblocks.study.power import SimulatedStudy, simulate_difference_spread, simulate_p_value
 
 HEIGHTS = [30e-6, 60e-6]
 PROBES = ("bare", "soft")
@@ -25,8 +25,8 @@ def test_a_length_is_an_effect_over_the_spread_of_the_participants():
     spread = simulate_difference_spread(make_study(), 1)
     assert spread > 2e-6 * 2.0**0.5
     assert simulate_difference_spread(make_study(), 2) == pytest.approx(spread, rel=0.08)
-    small = [compute_p_value(make_study(0.0), "mixed", seed) for seed in range(8)]
-    large = [compute_p_value(make_study(3.0 * spread), "mixed", seed) for seed in range(8)]
+    small = [simulate_p_value(make_study(0.0), "mixed", seed) for seed in range(8)]
+    large = [simulate_p_value(make_study(3.0 * spread), "mixed", seed) for seed in range(8)]
     assert max(large) < 1e-4 < min(small)
 
 

@@ -15,8 +15,8 @@ from scipy import stats
 from stepblocks.cli import main
 from stepblocks.errors import ReadingWarning, StudyError
 from stepblocks.study.analysis.exchange import share_study
-from stepblocks.study.analysis.page import render_study
-from stepblocks.study.analysis.prose import format_apa_p, write_headline
+from stepblocks.study.analysis.page import render_study_report
+from stepblocks.study.analysis.prose import format_apa_p, format_headline
 from stepblocks.study.conduct.run import open_run
 from stepblocks.study.power import study_power
 from stepblocks.study.run import analyse_study, design_study, simulate_study
@@ -130,12 +130,12 @@ def test_bids_says_what_every_column_is_and_its_validator_has_no_error(study, tm
 
 
 def test_the_report_opens_with_what_was_found_and_ends_as_a_journal_wants_it(result):
-    said = write_headline(result)
+    said = format_headline(result)
     assert said.startswith("Primary outcome, absolute error: ")
     assert re.search(r"with soft it is larger by .* than with (bare|hard)", said)
     assert "µm" in said
     assert " um" not in said
-    page = " ".join(render_study(result).split())  # as it is read
+    page = " ".join(render_study_report(result).split())  # as it is read
     assert (
         "6 participants gave 216 judgements of 4 blocks in 3 conditions (bare, hard, soft)" in page
     )
@@ -160,7 +160,7 @@ def test_only_the_primary_outcome_opens_the_headline(tmp_path):
     design_study(HEIGHTS, tmp_path, seed=1, participants=6, probes=("a", "b"), primary="bias")
     simulate_study(tmp_path, None, tmp_path / "answers.csv", seed=2, noise={"b": 4.0})
     result = analyse_study(tmp_path, [tmp_path / "answers.csv"])
-    said = write_headline(result)
+    said = format_headline(result)
     assert said.startswith("Primary outcome, bias: no difference between conditions was found")
     assert "secondary" not in said.lower()
     first, *rest = result.findings()

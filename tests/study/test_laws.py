@@ -13,9 +13,9 @@ from stepblocks.study.analysis.mixed import fit_mixed_model
 from stepblocks.study.analysis.people import describe_unusual_participants
 from stepblocks.study.analysis.psychometric import fit_psychometric
 from stepblocks.study.analysis.repeated import (
-    assess_effect,
-    compare_participants,
-    compute_bayes_factor,
+    assess_contrast_effect,
+    compare_conditions_within_participants,
+    compute_null_bayes_factor,
 )
 from stepblocks.study.design.blocks import Item
 from stepblocks.study.design.trials import design_trials
@@ -65,7 +65,11 @@ def test_names_of_participants_move_no_test(seed):
 def test_a_constant_error_of_all_moves_no_contrast(seed, shift):
     frame = judged(seed)
     table = frame.groupby(["participant", "condition"])["value"].mean().unstack()
-    pairs = zip(compare_participants(table), compare_participants(table + shift), strict=True)
+    pairs = zip(
+        compare_conditions_within_participants(table),
+        compare_conditions_within_participants(table + shift),
+        strict=True,
+    )
     for a, b in pairs:
         assert b.difference == pytest.approx(a.difference, abs=1e-9)
 
@@ -76,7 +80,7 @@ def test_epsilon_lies_between_one_over_its_contrasts_and_one(seed):
     from scipy.linalg import helmert
 
     table = np.random.default_rng(seed).standard_normal((7, 4)) * [1.0, 2.0, 4.0, 8.0]
-    term, found = assess_effect("x", table, helmert(4))
+    term, found = assess_contrast_effect("x", table, helmert(4))
     assert 1.0 / 3.0 <= found.epsilon <= found.huynh_feldt <= 1.0
     assert term.df == pytest.approx(3.0 * found.huynh_feldt)
 
@@ -84,9 +88,9 @@ def test_epsilon_lies_between_one_over_its_contrasts_and_one(seed):
 @bounded
 @given(people=st.integers(3, 60), t=st.floats(0.0, 6.0), more=st.floats(0.1, 3.0))
 def test_the_bayes_factor_of_no_difference_falls_with_student_s_t(people, t, more):
-    one, other = compute_bayes_factor(t, people), compute_bayes_factor(t + more, people)
+    one, other = compute_null_bayes_factor(t, people), compute_null_bayes_factor(t + more, people)
     assert one > other > 0.0
-    assert compute_bayes_factor(-t, people) == pytest.approx(one, rel=1e-9)
+    assert compute_null_bayes_factor(-t, people) == pytest.approx(one, rel=1e-9)
 
 
 @bounded
@@ -121,16 +125,16 @@ def test_f_of_conditions_is_that_of_an_analysis_of_variance_with_repeated_measur
         [(i, j, table[i, j]) for i in range(8) for j in range(4)], columns=["who", "what", "value"]
     )
     (row,) = AnovaRM(frame, "value", "who", within=["what"]).fit().anova_table.to_dict("records")
-    term, _ = assess_effect("x", table, helmert(4))
+    term, _ = assess_contrast_effect("x", table, helmert(4))
     assert term.f == pytest.approx(row["F Value"], rel=1e-9)
 
 
 def test_two_participants_are_compared_and_one_is_not():
     # differences 1 and 3: mean 2, standard error 1, one degree of freedom
     table = pd.DataFrame({"a": [2.0, 5.0], "b": [1.0, 2.0]})
-    (pair,) = compare_participants(table)
+    (pair,) = compare_conditions_within_participants(table)
     assert (pair.difference, pair.df) == (2.0, 1.0)
-    assert compare_participants(table[:1]) == ()
+    assert compare_conditions_within_participants(table[:1]) == ()
 
 
 @pytest.mark.parametrize(("t", "people"), [(0.0, 10), (1.2, 10), (2.5, 6), (3.4, 25)])
@@ -142,7 +146,7 @@ def test_the_bayes_factor_is_that_of_the_noncentral_t_under_a_cauchy_prior(t, pe
         return nct.pdf(t, df, d * root) * cauchy.pdf(d, scale=np.sqrt(0.5))
 
     under_difference = quad(likelihood, -8.0, 8.0, limit=400, points=[0.0, t / root])[0]
-    assert compute_bayes_factor(t, people) == pytest.approx(
+    assert compute_null_bayes_factor(t, people) == pytest.approx(
         student.pdf(t, df) / under_difference, rel=1e-3
     )
 

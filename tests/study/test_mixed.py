@@ -11,7 +11,7 @@ from scipy.linalg import helmert
 
 from stepblocks.errors import StudyError
 from stepblocks.study.analysis.mixed import fit_mixed_model
-from stepblocks.study.analysis.repeated import assess_effect
+from stepblocks.study.analysis.repeated import assess_contrast_effect
 
 DATA = Path(__file__).parent / "data"
 R = json.loads((DATA / "population.json").read_text())
@@ -124,7 +124,7 @@ def test_sphericity_and_its_correction_are_those_of_afex():
     rows = pd.read_csv(DATA / "accuracy.csv", dtype={"participant": str})
     rows["value"] = (rows["estimate_um"] - rows["height_um"]).abs()
     table = rows.groupby(["participant", "condition"])["value"].mean().unstack()
-    term, found = assess_effect("condition", table.to_numpy(), helmert(table.shape[1]))
+    term, found = assess_contrast_effect("condition", table.to_numpy(), helmert(table.shape[1]))
     w, p = R["Mauchly W, p"]
     epsilon, corrected = R["Huynh and Feldt epsilon, p"]
     assert (found.statistic, found.p) == pytest.approx((w, p), rel=1e-6)
@@ -140,13 +140,13 @@ def test_the_level_of_ten_participants_is_kept_whether_differences_vary_alike_or
     # 4,000 studies without an effect: one standard error of a level of 0.05 is 0.0034
     random = np.random.default_rng(6)
     tables = random.standard_normal((4000, 10, conditions)) * [spread, *[1.0] * (conditions - 1)]
-    found = [assess_effect("condition", own, helmert(conditions))[0].p for own in tables]
+    found = [assess_contrast_effect("condition", own, helmert(conditions))[0].p for own in tables]
     assert 0.04 < np.mean(np.array(found) < 0.05) < 0.06
 
 
 def test_of_two_conditions_there_is_nothing_to_correct():
     table = np.random.default_rng(2).standard_normal((5, 2))
-    term, found = assess_effect("condition", table, helmert(2))
+    term, found = assess_contrast_effect("condition", table, helmert(2))
     assert (found.epsilon, found.huynh_feldt) == pytest.approx((1.0, 1.0))
     assert term.p == pytest.approx(stats.ttest_rel(*table.T).pvalue)
 

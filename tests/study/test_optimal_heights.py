@@ -16,7 +16,7 @@ from stepblocks.study.design.information import (
     CurveShape,
     compute_curve_sensitivity,
     compute_line_sensitivity,
-    find_log_spread,
+    compute_log_spread,
 )
 from stepblocks.study.design.placement import Target
 from stepblocks.study.design.simulate import Observer
@@ -49,11 +49,11 @@ def test_threshold_and_jnd_are_known_best_at_the_two_points_of_white_and_minkin(
 ):
     design = place("both", source=FINE, curve=curve, lapse=0.0, trials=400)
     heights = np.array(design.optimal.heights)
-    spread = math.exp(find_log_spread(WEBER, CurveShape(curve)))
+    spread = math.exp(compute_log_spread(WEBER, CurveShape(curve)))
     places = np.log(heights / STANDARD) / spread
     # the third height, which the analysis needs, lies beside one of the two
     assert np.abs(places) == pytest.approx(distance, abs=0.03)
-    rise, _ = CurveShape(curve).compute_rise(places)
+    rise, _ = CurveShape(curve).compute_rise_and_slope(places)
     assert np.minimum(rise, 1.0 - rise) == pytest.approx(share, abs=0.004)
     below = sum(np.array(design.optimal.trials)[places < 0.0])
     assert below == pytest.approx(200, abs=4)
@@ -65,7 +65,7 @@ def find_interval(placement, quantity):
 
 def find_places(design, curve):
     """Return distances from the threshold in spreads, and shares of trials."""
-    spread = math.exp(find_log_spread(WEBER, CurveShape(curve)))
+    spread = math.exp(compute_log_spread(WEBER, CurveShape(curve)))
     places = np.log(np.array(design.optimal.heights) / STANDARD) / spread
     return places, np.array(design.optimal.trials) / sum(design.optimal.trials)
 
@@ -116,7 +116,7 @@ def test_a_jnd_alone_is_known_best_farther_out(curve, distance, share):
     )
     assert np.abs(places) == pytest.approx(distance, abs=0.03)
     assert shares[places < 0.0].sum() == pytest.approx(0.5, abs=0.01)
-    rise, _ = CurveShape(curve).compute_rise(places)
+    rise, _ = CurveShape(curve).compute_rise_and_slope(places)
     assert np.minimum(rise, 1.0 - rise) == pytest.approx(share, abs=0.004)
 
 
@@ -129,7 +129,7 @@ def test_without_the_error_of_the_spread_all_trials_would_lie_at_the_threshold()
     asymptotic = Criterion(sensitivity, (0,))
     found = exchange_trials(asymptotic, np.full(41, 4.0), 1, 1)
     assert set(np.flatnonzero(found)) <= {19, 20, 21}
-    spread = math.exp(find_log_spread(WEBER, CurveShape.LOGISTIC))
+    spread = math.exp(compute_log_spread(WEBER, CurveShape.LOGISTIC))
     least = 4.0 * spread**2 / 164
     assert least <= math.exp(asymptotic.compute_value(found)) < 1.01 * least
     single = np.zeros(41)
@@ -154,7 +154,7 @@ def test_the_points_of_a_threshold_close_in_with_the_fourth_root_of_the_trials(t
     places, shares = find_places(design, "logistic")
     assert shares @ np.abs(places) == pytest.approx(expected, rel=0.1)
     bounds = find_interval(design.optimal, "threshold").bounds
-    spread = math.exp(find_log_spread(WEBER, CurveShape.LOGISTIC))
+    spread = math.exp(compute_log_spread(WEBER, CurveShape.LOGISTIC))
     error = math.log(bounds.high / bounds.low) / 3.919928 / spread
     assert error**2 == pytest.approx(4.0 * compute_variance(expected) / trials, rel=5e-3)
 
@@ -234,7 +234,7 @@ def test_the_determinant_follows_every_added_trial():
     heights = np.array([20e-6, 40e-6, 60e-6])
     criterion = Criterion(compute_line_sensitivity(heights, 0.3), (1,))
     trials = np.array([3.0, 2.0, 5.0])
-    for place_of, value in enumerate(criterion.assess_additions(trials, 4.0)):
+    for place_of, value in enumerate(criterion.compute_values_with_additions(trials, 4.0)):
         more = trials.copy()
         more[place_of] += 4.0
         assert value == pytest.approx(criterion.compute_value(more), abs=1e-8)
@@ -268,7 +268,7 @@ def simulate_errors(placement, lapse, runs, seed):
     """Return fitted ln(threshold) and ln(spread) of simulated participants, by own likelihood."""
     logs = np.log(np.array(placement.heights) / STANDARD)
     totals = np.array(placement.trials)
-    log_spread = find_log_spread(WEBER, CurveShape.NORMAL)
+    log_spread = compute_log_spread(WEBER, CurveShape.NORMAL)
     truth = lapse + (1.0 - 2.0 * lapse) * ndtr(logs / math.exp(log_spread))
     generator = np.random.default_rng(seed)
     fits = []
@@ -368,7 +368,9 @@ def compare_by_power_law(placement, exponent, lapse):
 def test_power_expects_what_a_design_does_where_energy_is_a_power_of_the_height(target):
     """The curve over ln(height) is then that over ln(energy), so that both ask the same."""
     design = place(target, trials=600, lapse=0.02)
-    row = compare_by_power_law(design.optimal, 1.7, 0.02).compare_intervals(target, 10, 1)
+    row = compare_by_power_law(design.optimal, 1.7, 0.02).make_interval_comparison_row(
+        target, 10, 1
+    )
     bounds = find_interval(design.optimal, target).bounds
     unit, scale = ("um", 1e6) if target == "threshold" else ("ratio", 1.0)
     assert row[f"{target}_{unit}"] == pytest.approx(scale * bounds.value, rel=1e-4)

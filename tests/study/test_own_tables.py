@@ -14,10 +14,10 @@ from statsmodels.stats.anova import AnovaRM
 
 from stepblocks.errors import StudyError
 from stepblocks.study.analysis.foreign import read_foreign_judgements
-from stepblocks.study.analysis.paper import format_latex, format_markdown, list_paper_tables
-from stepblocks.study.analysis.people import _describe_distant_means, find_outlier_distance
-from stepblocks.study.analysis.prose import write_headline
-from stepblocks.study.analysis.repeated import compute_effect_interval
+from stepblocks.study.analysis.paper import build_paper_tables, format_latex, format_markdown
+from stepblocks.study.analysis.people import _describe_distant_means, compute_outlier_distance
+from stepblocks.study.analysis.prose import format_headline
+from stepblocks.study.analysis.repeated import compute_effect_size_interval
 from stepblocks.study.conduct.run import _convert_decimal_comma
 from stepblocks.study.design.blocks import Item, assign_codes
 from stepblocks.study.design.trials import design_trials
@@ -98,7 +98,7 @@ def test_a_further_factor_is_in_the_model_as_analysis_of_variance_has_it(tmp_pat
     assert terms["load"].f == pytest.approx(oracle.loc["load", "F Value"], rel=1e-9)
     assert terms["load"].p == pytest.approx(oracle.loc["load", "Pr > F"], rel=1e-9)
     assert terms["condition"].f == pytest.approx(oracle.loc["condition", "F Value"], rel=1e-9)
-    assert "Of its factors: " in write_headline(result)
+    assert "Of its factors: " in format_headline(result)
 
 
 @pytest.mark.long
@@ -159,7 +159,7 @@ def test_two_probes_of_comparisons_are_two_settings(tmp_path):
     assert [setting.setting for setting in result.comparisons] == ["bare", "soft"]
     renamed = write(tmp_path / "b.csv", list_comparisons(), rename={"probe": "tool"})
     pooled = read_foreign_judgements([renamed], {}, "constant")
-    assert any("the column 'tool' (bare, soft)" in note for note in pooled.notes())
+    assert any("the column 'tool' (bare, soft)" in note for note in pooled.list_notes())
     told = read_foreign_judgements([renamed], {"probe": "tool"}, "constant")
     assert set(told.frame["factor_probe"]) == {"bare", "soft"}
 
@@ -177,7 +177,7 @@ def test_a_participant_who_always_says_yes_is_named_and_in_no_mean(tmp_path):
 
 def test_the_headline_states_the_omnibus_as_f_and_each_pair_with_its_own_p(tmp_path):
     result = analyse_study(None, [write(tmp_path / "a.csv", list_estimates(seed=5), ("load",))])
-    headline, measure = write_headline(result), result.measure()
+    headline, measure = format_headline(result), result.measure()
     assert f"= {measure.corrected.f:.2f}, p" in headline
     pair = next(one for one in measure.paired if one.p < 0.05)
     assert f"{pair.p:.3f}".replace("0.", ".", 1) in headline or "p < .001)" in headline
@@ -227,14 +227,14 @@ def test_participants_alike_are_said_to_be_far_from_the_others_in_few_studies():
             levels = 50e-6 * np.exp(generator.normal(0.0, 0.3, people))
             named += bool(_describe_distant_means(dict(enumerate(levels))))
         assert named <= 15
-    assert find_outlier_distance(6) > find_outlier_distance(30) > 3.0
+    assert compute_outlier_distance(6) > compute_outlier_distance(30) > 3.0
 
 
 def test_a_paper_gets_means_deviations_tests_and_effect_sizes(tmp_path):
     rows = list_estimates()
     path = write(tmp_path / "a.csv", rows, ("load",))
     result = analyse_study(None, [path], tmp_path / "report")
-    descriptives, tests, pairs = list_paper_tables(result)[:3]
+    descriptives, tests, pairs = build_paper_tables(result)[:3]
     table = pd.DataFrame(rows).astype({"estimate_um": float})
     table["value"] = (table["estimate_um"] - table["height_um"]).abs()
     cell = table[(table["condition"] == "soft") & (table["height_um"] == 50)]
@@ -250,17 +250,17 @@ def test_a_paper_gets_means_deviations_tests_and_effect_sizes(tmp_path):
     (row,) = [row for row in pairs.rows if row[0] == "bare − soft"]
     assert row[3] == f"t(9) = {t:.2f}".replace("-", "−")
     assert (tmp_path / "report" / "tables.md").read_text() == format_markdown(
-        list_paper_tables(result)
+        build_paper_tables(result)
     )
     word = docx.Document(tmp_path / "report" / "tables.docx")
     assert [row.cells[0].text for row in word.tables[2].rows][1:] == [row[0] for row in pairs.rows]
-    latex = format_latex(list_paper_tables(result))
+    latex = format_latex(build_paper_tables(result))
     assert latex.count(r"\begin{tabular}") == latex.count(r"\end{tabular}") == 10
 
 
 @pytest.mark.parametrize(("t", "people"), [(2.5, 10), (-6.0, 12), (0.0, 10), (40.0, 3)])
 def test_the_interval_of_d_is_that_of_the_noncentral_t(t, people):
-    low, high = compute_effect_interval(t, people)
+    low, high = compute_effect_size_interval(t, people)
     scale = math.sqrt(people)
     assert stats.nct.cdf(t, people - 1, low * scale) == pytest.approx(0.975, abs=1e-6)
     assert stats.nct.cdf(t, people - 1, high * scale) == pytest.approx(0.025, abs=1e-6)

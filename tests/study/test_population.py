@@ -14,8 +14,8 @@ from stepblocks.study.analysis.population import (
     Estimate,
     Grid,
     Population,
-    compare_between,
-    compare_within,
+    compare_between_groups,
+    compare_within_participants,
     compute_tail_probability,
 )
 
@@ -124,7 +124,7 @@ def test_intervals_of_the_population_hold(lapse):
 def test_participants_are_drawn_towards_the_group_and_keep_their_order():
     hits, totals = simulated(4)
     model = fitted(hits, totals)
-    own = model.predict_participants(0)
+    own = model.predict_participant_means(0)
     shares = (hits / totals).mean(axis=1)  # who says "higher" more often has a lower PSE
     assert np.corrcoef(own, shares)[0, 1] < -0.9
     assert own.std() < 2.0 * model.estimate(0).spread
@@ -136,13 +136,15 @@ def test_a_spread_twice_as_wide_in_one_condition_is_found_and_none_is_not():
     )
     grid = Grid(LEVELS, *simulated(5)).spreads
     none, apart = (
-        compare_within(other.compute_likelihoods(1), one.compute_likelihoods(1), grid)
+        compare_within_participants(
+            other.compute_axis_likelihoods(1), one.compute_axis_likelihoods(1), grid
+        )
         for other in (same, wide)
     )
     assert none.low < 0.0 < none.high
     assert none.p > 0.05 > apart.p
     assert apart.low < 0.7 < apart.high
-    between = compare_between(wide.estimate(1), one.estimate(1))
+    between = compare_between_groups(wide.estimate(1), one.estimate(1))
     assert between.low < 0.7 < between.high
     assert between.value == pytest.approx(apart.value, abs=0.1)
     assert (between.p < 0.05) == (between.low > 0.0)
@@ -163,7 +165,7 @@ def test_a_lapse_rate_that_takes_from_the_spread_is_not_a_difference():
     level = np.linspace(-1.5, -0.9, len(differences))
     one = condition(level + differences / 2, height)
     other = condition(level - differences / 2, height[::-1])
-    found = compare_within(one, other, axis)
+    found = compare_within_participants(one, other, axis)
     exact = stats.ttest_1samp(differences, 0.0)
     ends = exact.confidence_interval()
     assert found.value == pytest.approx(differences.mean(), abs=2e-3)
@@ -172,9 +174,12 @@ def test_a_lapse_rate_that_takes_from_the_spread_is_not_a_difference():
 
 
 def test_the_order_of_conditions_changes_the_sign_alone():
-    one, other = (fitted(*simulated(seed)).compute_likelihoods(0) for seed in (8, 9))
+    one, other = (fitted(*simulated(seed)).compute_axis_likelihoods(0) for seed in (8, 9))
     axis = Grid(LEVELS, *simulated(8)).middles
-    there, back = compare_within(one, other, axis), compare_within(other, one, axis)
+    there, back = (
+        compare_within_participants(one, other, axis),
+        compare_within_participants(other, one, axis),
+    )
     assert (there.value, there.low) == pytest.approx((-back.value, -back.high), abs=1e-4)
     assert there.p == pytest.approx(back.p, rel=1e-3)
 
@@ -251,7 +256,7 @@ def test_two_groups_of_unequal_size_and_spread_are_compared_as_welch_does():
     # scipy's ttest_ind without equal variances
     one = np.array([-0.4, -0.1, 0.1, 0.2, 0.6, 0.9, 0.3])
     other = np.array([-0.1, 0.0, -0.05, 0.1, -0.2])
-    found = compare_between(normal(one, 0.05).estimate(0), normal(other, 0.05).estimate(0))
+    found = compare_between_groups(normal(one, 0.05).estimate(0), normal(other, 0.05).estimate(0))
     exact = stats.ttest_ind(one, other, equal_var=False)
     ends = exact.confidence_interval()
     assert (found.low, found.high) == pytest.approx((ends.low, ends.high), abs=5e-3)
@@ -285,7 +290,7 @@ def test_two_groups_of_five_who_do_not_differ_claim_a_difference_at_the_level(sh
     grid.sort()
     halves = np.interp(variances, grid, [reach(one) for one in grid])
     claimed = [
-        compare_between(
+        compare_between_groups(
             *(
                 Estimate(mean, mean - half, mean + half, math.nan, math.nan, people - 1.0)
                 for mean, half in zip(*pair, strict=True)
@@ -300,13 +305,13 @@ def test_two_groups_of_five_who_do_not_differ_claim_a_difference_at_the_level(sh
 def test_the_order_of_two_groups_turns_their_difference_and_keeps_its_p():
     one = Estimate(1.0, 0.7, 1.6, 0.1, 0.0, 9.0)
     other = Estimate(1.5, 1.1, 1.7, 0.1, 0.0, 9.0)
-    there, back = compare_between(one, other), compare_between(other, one)
+    there, back = compare_between_groups(one, other), compare_between_groups(other, one)
     assert (back.value, back.low, back.high) == pytest.approx(
         (-there.value, -there.high, -there.low)
     )
     assert there.p == pytest.approx(back.p)
     assert (there.p < 0.05) == (there.high < 0.0)
     # an end that the answers leave open is open in the difference as well
-    far = compare_between(one, Estimate(2.0, -math.inf, 2.1, 0.1, 0.0, 9.0))
+    far = compare_between_groups(one, Estimate(2.0, -math.inf, 2.1, 0.1, 0.0, 9.0))
     assert far.high == math.inf > -far.low
     assert far.p == 1.0

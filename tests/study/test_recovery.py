@@ -12,11 +12,15 @@ from oracles.noncentral_f import closed_form_power
 from stepblocks.errors import StudyError
 from stepblocks.study.analysis.judgements import join_answers
 from stepblocks.study.analysis.ordinal import fit_ordinal_model
-from stepblocks.study.analysis.psychometric import MAX_LAPSE, compute_weber, fit_psychometric
+from stepblocks.study.analysis.psychometric import (
+    MAX_LAPSE,
+    compute_weber_fraction,
+    fit_psychometric,
+)
 from stepblocks.study.design.blocks import Item
 from stepblocks.study.design.simulate import Observer, interpolate_heights
 from stepblocks.study.design.simulated_answers import simulate_answers
-from stepblocks.study.power import SimulatedStudy, compute_p_value, estimate_power
+from stepblocks.study.power import SimulatedStudy, estimate_power, simulate_p_value
 
 HEIGHTS = np.arange(30, 75, 5)
 BLOCKS = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in HEIGHTS]
@@ -59,7 +63,7 @@ def test_simulated_pairs_carry_the_weber_fraction_through_sheets_and_table():
     (found,) = table.analyse().comparisons
     assert sum(sum(curve.totals) for curve in found.curves) == 8 * 8 * 12
     spread = found.spread
-    assert compute_weber(spread.low) < 0.15 < compute_weber(spread.high)
+    assert compute_weber_fraction(spread.low) < 0.15 < compute_weber_fraction(spread.high)
     assert math.exp(found.equal.value) == pytest.approx(1.0, rel=0.04)
 
 
@@ -139,7 +143,7 @@ def test_no_effect_is_found_in_five_of_a_hundred_studies(analysis, runs, partici
         measure="bias",
     )
     low, high = binomial_band(runs)
-    p = np.array([compute_p_value(plan, analysis, seed) for seed in range(runs)])
+    p = np.array([simulate_p_value(plan, analysis, seed) for seed in range(runs)])
     assert low <= np.mean(p < 0.05) <= high
 
 
@@ -165,7 +169,7 @@ def test_power_of_the_f_test_is_that_of_the_noncentral_f():
     )
     exact = closed_form_power({"a": 0.0, "b": 8e-6}, 4 * 2 * 2, noise, 32 - 4)
     assert 0.5 < exact < 0.95
-    found = np.mean([compute_p_value(plan, "f-test", seed) < 0.05 for seed in range(150)])
+    found = np.mean([simulate_p_value(plan, "f-test", seed) < 0.05 for seed in range(150)])
     low, high = binomial_band(150, exact)
     assert low <= found <= high
 
@@ -182,7 +186,7 @@ def test_power_of_the_mixed_model_is_that_of_the_noncentral_f():
     )
     exact = closed_form_power({"a": 0.0, "b": 8e-6}, 8, math.hypot(6e-6, 6e-6 / 2), 7)
     assert 0.4 < exact < 0.9
-    found = np.mean([compute_p_value(plan, "mixed", seed) < 0.05 for seed in range(80)])
+    found = np.mean([simulate_p_value(plan, "mixed", seed) < 0.05 for seed in range(80)])
     low, high = binomial_band(80, exact)
     assert low <= found <= high
 

@@ -17,8 +17,8 @@ from oracles.designs import compared, crossed, lined
 from stepblocks.study.analysis.figures import _draw_participants, draw_study_figures
 from stepblocks.study.analysis.judgements import join_answers
 from stepblocks.study.analysis.ordinal import fit_ordinal_model
-from stepblocks.study.analysis.page import render_study
-from stepblocks.study.analysis.repeated import compute_bayes_factor
+from stepblocks.study.analysis.page import render_study_report
+from stepblocks.study.analysis.repeated import compute_null_bayes_factor
 from stepblocks.study.analysis.result_table import COLUMNS
 from stepblocks.study.analysis.results import StudyResult
 from stepblocks.study.design.blocks import Item
@@ -175,11 +175,11 @@ def test_who_cannot_be_fitted_is_named_with_the_reason():
     assert [curve.fit for curve in found.curves] == [None, None]
     named = result.table()["quantity"].tolist()
     assert any(name.startswith("participant 1: not fitted, ") for name in named)
-    assert render_study(result).count("<svg") == 1
+    assert render_study_report(result).count("<svg") == 1
 
 
 def test_the_page_escapes_names_and_loads_nothing(estimates):
-    page = render_study(estimates)
+    page = render_study_report(estimates)
     assert "soft <b>" not in page
     assert "soft &lt;b&gt;" in page
     assert "http://" not in page.replace("http://www.w3.org", "").replace(
@@ -305,7 +305,7 @@ def test_each_factor_has_a_bayes_factor_and_groups_have_a_bound():
     means = frame.groupby(["participant", "factor_u"])["error"].mean().unstack()
     found = row_of(result, "Bayes factor", "u, no effect over an effect")
     t = stats.ttest_rel(means[0], means[1]).statistic
-    assert found["estimate"] == pytest.approx(compute_bayes_factor(t, 8.0), rel=1e-6)
+    assert found["estimate"] == pytest.approx(compute_null_bayes_factor(t, 8.0), rel=1e-6)
     cells = frame.groupby(["participant", "factor_v"])["error"].mean().mul(1e6).reset_index()
     left = [
         smf.ols(f"error ~ C(participant){more}", cells).fit().ssr for more in ("", "+C(factor_v)")

@@ -7,7 +7,7 @@ import pytest
 from oracles.designs import compared, crossed
 from stepblocks.study.analysis.page import render_run_sheets
 from stepblocks.study.design.blocks import Item
-from stepblocks.study.design.sheet import blind_row
+from stepblocks.study.design.sheet import make_blinded_row
 
 BLOCKS = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in (25, 50, 75)]
 DESIGNS = {
@@ -20,7 +20,8 @@ DESIGNS = {
 def sheets(experiment):
     rows = DESIGNS[experiment]().trials
     return {
-        who: [blind_row(row) for row in rows if row["participant"] == who] for who in ("1", "2")
+        who: [make_blinded_row(row) for row in rows if row["participant"] == who]
+        for who in ("1", "2")
     }
 
 

@@ -9,9 +9,9 @@ from oracles.designs import compared, crossed
 from stepblocks.errors import PipelineError
 from stepblocks.study.design.blocks import Item
 from stepblocks.study.design.sheet import (
-    blind_row,
-    format_key,
-    list_answer_columns,
+    format_code_key_csv,
+    list_sheet_columns,
+    make_blinded_row,
     write_without_replacing,
 )
 from stepblocks.study.design.trials import DESIGN_COLUMNS
@@ -36,7 +36,7 @@ def test_every_trial_is_a_row_that_tells_all():
 def test_in_a_pair_the_standard_is_named_and_the_sheet_keeps_its_place():
     rows = compared(1, BLOCKS, 1, 1, "step-025").trials
     assert {row["standard"] for row in rows} == {"step-025"}
-    for row, shown in zip(rows, map(blind_row, rows), strict=True):
+    for row, shown in zip(rows, map(make_blinded_row, rows), strict=True):
         places = {"standard-first": "first_code", "standard-second": "second_code"}
         assert shown[places[row["condition"]]] == row["standard_code"]
         assert {shown["first_code"], shown["second_code"]} == {row["code"], row["standard_code"]}
@@ -44,14 +44,14 @@ def test_in_a_pair_the_standard_is_named_and_the_sheet_keeps_its_place():
 
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
 def test_what_is_to_be_written_down_stands_at_the_end_of_a_sheet(experiment):
-    columns = list_answer_columns(experiment)
+    columns = list_sheet_columns(experiment)
     assert columns[:2] == ("participant", "trial")
     assert columns[-len(EXPERIMENTS[experiment].answers) :] == EXPERIMENTS[experiment].answers
     assert not {"stimulus", "engraved", "height_um"} & set(columns)
 
 
 def test_the_key_is_in_the_order_of_its_codes():
-    assert list(csv.reader(io.StringIO(format_key({"1": BY_CODE})))) == [
+    assert list(csv.reader(io.StringIO(format_code_key_csv({"1": BY_CODE})))) == [
         ["participant", "code", "engraved", "stimulus", "height_um"],
         ["1", "ABE", "STEP-010", "step-010", "10"],
         ["1", "VTK", "STEP-050", "step-050", "50"],
@@ -59,7 +59,7 @@ def test_the_key_is_in_the_order_of_its_codes():
 
 
 def test_the_key_of_a_comparison_names_the_standard_too():
-    key = format_key(compared(1, BLOCKS, 1, 1, "step-025").blocks)
+    key = format_code_key_csv(compared(1, BLOCKS, 1, 1, "step-025").blocks)
     assert {row["stimulus"] for row in csv.DictReader(io.StringIO(key))} == {
         b.identity for b in BLOCKS
     }

@@ -8,9 +8,9 @@ import pytest
 from scipy import stats
 
 from stepblocks.errors import StepblocksError, StudyError
-from stepblocks.study.analysis.page import render_study
+from stepblocks.study.analysis.page import render_study_report
 from stepblocks.study.analysis.people import describe_swapped_conditions
-from stepblocks.study.design.sheet import blind_row
+from stepblocks.study.design.sheet import make_blinded_row
 from stepblocks.study.run import analyse_study, design_study, simulate_study
 
 HEIGHTS = tuple(h * 1e-6 for h in (25, 35, 50, 70, 95))
@@ -254,7 +254,7 @@ def test_a_participant_whose_conditions_were_swapped_is_named_in_the_report(tmp_
     ]
     result = analysed(tmp_path, rows)
     assert any("p1's absolute error differs" in remark for remark in result.remarks)
-    assert "are the conditions swapped?" in render_study(result)
+    assert "are the conditions swapped?" in render_study_report(result)
 
 
 @pytest.mark.long
@@ -269,7 +269,7 @@ def test_several_factors_are_crossed_and_each_is_tested(tmp_path):
     found = {term.name: term.p for term in measure.factors}
     assert found["probe"] < 0.01 < found["load"]
     assert [term.name for term in measure.groups] == ["group", "condition:group"]
-    assert "declared factors" in render_study(result)
+    assert "declared factors" in render_study_report(result)
 
 
 @pytest.mark.long
@@ -320,7 +320,8 @@ def test_a_mixed_model_without_a_maximum_is_refused_in_a_line(tmp_path):
     heights = tuple(h * 1e-6 for h in range(10, 101, 10))
     design_study(heights, tmp_path, seed=1, experiment="virtual", participants=2)
     rows = [
-        blind_row(row) for row in pd.read_csv(tmp_path / "design.csv", dtype=str).to_dict("records")
+        make_blinded_row(row)
+        for row in pd.read_csv(tmp_path / "design.csv", dtype=str).to_dict("records")
     ]
     for row in rows:
         number = int(row["trial"]) % 7

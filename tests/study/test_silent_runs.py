@@ -14,7 +14,7 @@ from stepblocks.errors import ReadingWarning, StudyError
 from stepblocks.haptics.renderer import Renderer
 from stepblocks.study.conduct.run import open_run
 from stepblocks.study.conduct.server import RunServer
-from stepblocks.study.design.sheet import blind_row
+from stepblocks.study.design.sheet import make_blinded_row
 from stepblocks.study.design.simulate import Observer
 from stepblocks.study.run import analyse_study, design_study, simulate_study, write_sheets
 
@@ -141,7 +141,7 @@ def test_practice_names_no_code_that_a_trial_shows(tmp_path, options):
     blocks = key[key["participant"] == "1"].set_index("code")["stimulus"]
     run = open_run(tmp_path, "1")
     shown = ("code", "first_code", "second_code")
-    trials = {blind_row(row).get(name) for row in run.planned for name in shown}
+    trials = {make_blinded_row(row).get(name) for row in run.planned for name in shown}
     run.practice, practised = len(run.planned), set()
     while run.practice:
         state = run.state()
@@ -216,7 +216,7 @@ def test_every_rule_of_the_page_s_policy_is_kept(tmp_path):
         assert rule in headers["Content-Security-Policy"]
     assert "unsafe-inline'; script" in headers["Content-Security-Policy"]  # of styles alone
     server._second, server._requests = 10**9, 0
-    server.count_request_over_limit = lambda: True
+    server.count_request_and_check_limit = lambda: True
     assert ask()[0] == 429
     server.shutdown()
 
@@ -227,9 +227,11 @@ def test_a_page_may_ask_400_times_in_a_second_and_again_in_the_next(tmp_path, mo
     monkeypatch.setattr(
         "stepblocks.study.conduct.server.time", types.SimpleNamespace(monotonic=lambda: now[0])
     )
-    assert [server.count_request_over_limit() for _ in range(403)] == [False] * 400 + [True] * 3
+    assert [server.count_request_and_check_limit() for _ in range(403)] == [False] * 400 + [
+        True
+    ] * 3
     now[0] = 10.99
-    assert server.count_request_over_limit()
+    assert server.count_request_and_check_limit()
     now[0] = 11.0
-    assert not server.count_request_over_limit()
+    assert not server.count_request_and_check_limit()
     server.server_close()

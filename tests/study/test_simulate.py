@@ -9,16 +9,21 @@ from stepblocks.files.tables import format_csv
 from stepblocks.study.analysis.accuracy import analyse_measure
 from stepblocks.study.analysis.judgements import join_answers
 from stepblocks.study.analysis.ordinal import fit_ordinal_model
-from stepblocks.study.analysis.page import render_study
+from stepblocks.study.analysis.page import render_study_report
 from stepblocks.study.analysis.result_table import COLUMNS
 from stepblocks.study.design.blocks import Item
 from stepblocks.study.design.read import read_answers, read_design
-from stepblocks.study.design.sheet import list_answer_columns
+from stepblocks.study.design.sheet import list_sheet_columns
 from stepblocks.study.design.simulate import Observer
 from stepblocks.study.design.simulated_answers import simulate_answers
 from stepblocks.study.design.trials import design_trials
 from stepblocks.study.experiments.registry import EXPERIMENTS
-from stepblocks.study.power import SimulatedStudy, compute_p_value, estimate_power, simulate_frame
+from stepblocks.study.power import (
+    SimulatedStudy,
+    estimate_power,
+    simulate_judgement_table,
+    simulate_p_value,
+)
 
 BLOCKS = [Item(f"step-{h:03}", f"STEP-{h:03}", h * 1e-6) for h in range(30, 75, 5)]
 ENERGIES = {item.identity: item.height for item in BLOCKS}  # in proportion to the height
@@ -38,14 +43,14 @@ def test_every_experiment_goes_round(name, tmp_path):
     design = read_design(tmp_path / "design.csv")
     answers = simulate_answers(design, ENERGIES, {}, Observer(weber=0.5), seed=2)
     assert all(row[column] for row in answers for column in EXPERIMENTS[name].answers)
-    assert tuple(answers[0]) == list_answer_columns(name)
+    assert tuple(answers[0]) == list_sheet_columns(name)
     (tmp_path / "answers.csv").write_text(format_csv(answers))
     table = join_answers(design, read_answers(tmp_path / "answers.csv", name))
     assert (len(table.frame), table.missing, table.left) == (len(design), (), ())
     result = table.analyse()
     assert tuple(result.table().columns) == COLUMNS
     assert not result.table()["quantity"].duplicated().all()
-    assert EXPERIMENTS[name].title in render_study(result)
+    assert EXPERIMENTS[name].title in render_study_report(result)
 
 
 @pytest.mark.parametrize("name", EXPERIMENTS)
@@ -104,7 +109,7 @@ def plan(**changes):
 
 
 def test_a_simulated_study_has_every_judgement_once_and_its_errors_in_closed_form():
-    frame = simulate_frame(plan(), seed=1)
+    frame = simulate_judgement_table(plan(), seed=1)
     assert set(frame.groupby(["participant", "condition", "stimulus"]).size()) == {2}
     soft = frame[frame["condition"] == "soft"]
     # energy in proportion to height: half of it reads as half the height
@@ -114,8 +119,8 @@ def test_a_simulated_study_has_every_judgement_once_and_its_errors_in_closed_for
 
 def test_a_study_is_decided_by_its_own_seed():
     noisy = plan(observer=Observer())
-    together = [compute_p_value(noisy, "f-test", seed) for seed in (1, 2, 3)]
-    assert together == [compute_p_value(noisy, "f-test", seed) for seed in (1, 2, 3)]
+    together = [simulate_p_value(noisy, "f-test", seed) for seed in (1, 2, 3)]
+    assert together == [simulate_p_value(noisy, "f-test", seed) for seed in (1, 2, 3)]
     assert len(set(together)) == 3
 
 
@@ -140,7 +145,9 @@ def test_an_impossible_simulation_is_refused(options, message):
 
 
 def test_simulated_ratings_have_the_odds_that_the_observers_give_them():
-    frame = simulate_frame(plan(participants=60, observer=Observer(realism_gain=1.2)), seed=3)
+    frame = simulate_judgement_table(
+        plan(participants=60, observer=Observer(realism_gain=1.2)), seed=3
+    )
     assert set(frame["rating"]) <= set(range(1, 8))
     (found,) = fit_ordinal_model(frame, "rating", "condition", "participant").effects
     # "soft" is the last condition, which is rated up
@@ -164,14 +171,14 @@ def test_the_power_of_ratings_is_that_of_the_ordinal_model_and_the_level_without
     strong = estimate_power(plan(**given, observer=Observer(realism_gain=3.0)), runs=10)
     assert strong.power_ratio == 1.0
     none = [
-        compute_p_value(plan(**given, observer=Observer(realism_gain=0.0)), "mixed", seed)
+        simulate_p_value(plan(**given, observer=Observer(realism_gain=0.0)), "mixed", seed)
         for seed in range(40)
     ]
     # of 40 uniform values at most 7 lie below 0.05, but for one case in 1,000 (binomial)
     assert sum(p < 0.05 for p in none) <= 7
     # ratings that do not overlap have no finite odds: such a study finds nothing
     far = plan(measure="realism", participants=3, observer=Observer(realism_gain=50.0))
-    assert compute_p_value(far, "mixed", 1) == 1.0
+    assert simulate_p_value(far, "mixed", 1) == 1.0
 
 
 @pytest.mark.long
@@ -184,11 +191,13 @@ def test_power_is_that_of_the_test_that_the_analysis_reads():
     )
     epsilons = []
     for seed in range(5):
-        measure = analyse_measure(simulate_frame(three, seed), "bias")
-        assert compute_p_value(three, "mixed", seed) == pytest.approx(measure.corrected.p, rel=1e-9)
+        measure = analyse_measure(simulate_judgement_table(three, seed), "bias")
+        assert simulate_p_value(three, "mixed", seed) == pytest.approx(
+            measure.corrected.p, rel=1e-9
+        )
         epsilons.append(measure.sphericity.huynh_feldt)
     assert min(epsilons) < 0.8  # without it another p comes out
 
 
 def test_a_study_of_typical_observers_has_a_p_value():
-    assert np.isfinite(compute_p_value(plan(observer=Observer()), "mixed", 5))
+    assert np.isfinite(simulate_p_value(plan(observer=Observer()), "mixed", 5))

@@ -56,13 +56,13 @@ def test_three_of_four_pairs_are_right_whoever_is_trained(tmp_path, weber):
     spread = np.log1p(weber) / norm.ppf(0.75)  # three of four are right at a Weber fraction
     rights, differences = [], []
     for _ in range(1500):
-        trial = staircase.choose()
+        trial = staircase.choose_next_pair()
         is_higher = float(trial.row["height_um"]) > float(trial.row["standard_height_um"])
         felt = trial.difference + generator.normal(0.0, spread)
         called_higher = is_higher == (felt > 0.0)
         second = called_higher == (trial.row["condition"] == "standard-first")
         answer = {**trial.row, "second_is_higher": "y" if second else "n"}
-        rights.append(staircase.learn(trial, answer))
+        rights.append(staircase.update_with_answer(trial, answer))
         differences.append(trial.difference)
     assert np.mean(rights[100:]) == pytest.approx(0.75, abs=0.015)
     assert np.exp(np.mean(differences[100:])) - 1.0 == pytest.approx(weber, rel=0.15)
@@ -80,8 +80,8 @@ def test_pairs_grow_harder_by_one_level_and_easier_by_three(study):
 
 
 def test_a_training_goes_on_over_days_from_its_answers_alone(study, monkeypatch):
-    now = [SteadyClock().read()]
-    monkeypatch.setattr(SteadyClock, "read", lambda self: now[0])
+    now = [SteadyClock().read_time()]
+    monkeypatch.setattr(SteadyClock, "read_time", lambda self: now[0])
     for right in (6, 5, 7):
         training = stepblocks.open_training(study, "1", 8)
         for number in range(8):

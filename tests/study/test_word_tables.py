@@ -9,7 +9,7 @@ from docx.enum.text import WD_ALIGN_PARAGRAPH
 from lxml import etree
 
 from stepblocks.study.analysis.paper import PaperTable
-from stepblocks.study.analysis.word import write_word
+from stepblocks.study.analysis.word import render_word_document
 
 W = "{http://schemas.openxmlformats.org/wordprocessingml/2006/main}"
 TABLES = [
@@ -27,7 +27,7 @@ TABLES = [
 
 @pytest.fixture
 def document():
-    return docx.Document(io.BytesIO(write_word(TABLES)))
+    return docx.Document(io.BytesIO(render_word_document(TABLES)))
 
 
 def test_every_cell_is_read_back(document):
@@ -60,7 +60,7 @@ def test_number_title_statistics_and_figures_look_as_the_apa_asks(document):
 
 
 def test_a_table_has_three_rules_and_no_vertical_one():
-    archive = zipfile.ZipFile(io.BytesIO(write_word(TABLES)))
+    archive = zipfile.ZipFile(io.BytesIO(render_word_document(TABLES)))
     body = etree.fromstring(archive.read("word/document.xml"))
     for table in body.iter(f"{W}tbl"):
         rules = []
@@ -75,9 +75,9 @@ def test_a_table_has_three_rules_and_no_vertical_one():
 
 def test_the_same_tables_give_the_same_bytes_on_any_day(monkeypatch):
     monkeypatch.setattr("time.time", lambda: 2e9)
-    later = write_word(TABLES)
+    later = render_word_document(TABLES)
     monkeypatch.undo()
-    assert later == write_word(TABLES)
+    assert later == render_word_document(TABLES)
     archive = zipfile.ZipFile(io.BytesIO(later))
     assert {entry.date_time for entry in archive.infolist()} == {(1980, 1, 1, 0, 0, 0)}
     assert b"1980-01-01" in archive.read("docProps/core.xml")

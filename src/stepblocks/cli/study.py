@@ -491,7 +491,7 @@ def analyse(
     layout: TableLayout = UNDECLARED,
 ) -> Outcome:
     """Analyse answers: results.csv and report.html."""
-    from stepblocks.study.analysis.prose import write_headline
+    from stepblocks.study.analysis.prose import format_headline
 
     is_own_table = data is not None and not answers and folder is None
     is_study = bool(answers) and data is None
@@ -519,7 +519,7 @@ def analyse(
         ),
     )
     notes = [*result.notes, *result.remarks]
-    summary = write_headline(result)
+    summary = format_headline(result)
     return Outcome(
         summary,
         notes=notes,

@@ -12,9 +12,9 @@ from stepblocks.inspect.capability import (
     FEWEST_PARTS,
     Capability,
     ControlChart,
-    chart_individuals,
     compute_capability,
-    find_copies,
+    find_repeated_digests,
+    make_individuals_chart,
 )
 from stepblocks.inspect.judgement import is_angle
 from stepblocks.inspect.result import InspectionResult
@@ -52,7 +52,7 @@ class MeasuredBatch:
     capability: Capability
     chart: ControlChart
 
-    def make_row(self) -> dict[str, object]:
+    def make_capability_row(self) -> dict[str, object]:
         """Make the row of the table of capability; sizes are in SI."""
         row: dict[str, object] = {
             "stimulus": self.part,
@@ -69,12 +69,12 @@ class MeasuredBatch:
             row[name] = index.value
             row[f"{name}_95_low"] = index.low
             row[f"{name}_95_high"] = index.high
-        outside = [self.blocks[place] for place in self.chart.find_outside()]
+        outside = [self.blocks[place] for place in self.chart.find_parts_outside_limits()]
         row["outside_chart"] = " ".join(outside)
         return row
 
 
-def measure_batches(reports: Mapping[str, InspectionResult]) -> list[MeasuredBatch]:
+def compute_batch_capabilities(reports: Mapping[str, InspectionResult]) -> list[MeasuredBatch]:
     """Find what the parts of a batch tell of each characteristic that several were judged by.
 
     Parameters
@@ -88,25 +88,25 @@ def measure_batches(reports: Mapping[str, InspectionResult]) -> list[MeasuredBat
         Of the characteristics with at least five parts. A part whose scan is that of an earlier
         one is no part of its own and does not count.
     """
-    copies = _list_copies(reports)
+    copies = _list_copied_parts(reports)
     independent = {}
     for serial, report in reports.items():
         if serial not in copies:
             independent[serial] = report
     batches = []
-    for part, key in _yield_characteristics(independent):
-        batch = _measure_batch(part, key, independent)
+    for part, key in _iterate_judged_characteristics(independent):
+        batch = _measure_batch_characteristic(part, key, independent)
         if batch is not None:
             batches.append(batch)
     return batches
 
 
-def note_batches(
+def describe_batch_limitations(
     reports: Mapping[str, InspectionResult], batches: Sequence[MeasuredBatch]
 ) -> list[str]:
     """Say what limits the figures of a batch, a line each."""
     notes = []
-    copies = _list_copies(reports)
+    copies = _list_copied_parts(reports)
     if copies:
         named = ", ".join(copies)
         notes.append(f"capability leaves out {named}: the same scan stands for an earlier part")
@@ -119,15 +119,15 @@ def note_batches(
     return notes
 
 
-def _list_copies(reports: Mapping[str, InspectionResult]) -> list[str]:
+def _list_copied_parts(reports: Mapping[str, InspectionResult]) -> list[str]:
     """List the parts whose scan is that of an earlier one, by their serial numbers."""
     serials = list(reports)
     digests = [report.digest for report in reports.values()]
-    copies = find_copies(digests)
+    copies = find_repeated_digests(digests)
     return [serials[place] for place in sorted(copies)]
 
 
-def _yield_characteristics(
+def _iterate_judged_characteristics(
     reports: Mapping[str, InspectionResult],
 ) -> Iterator[tuple[str, str]]:
     """Yield each part with each characteristic that it was judged by, once."""
@@ -140,19 +140,19 @@ def _yield_characteristics(
                 yield pair
 
 
-def _measure_batch(
-    part: str, key: str, reports: Mapping[str, InspectionResult]
+def _measure_batch_characteristic(
+    identity: str, characteristic_key: str, reports: Mapping[str, InspectionResult]
 ) -> MeasuredBatch | None:
     """Measure one characteristic of a batch; None of too few parts or none that scatter."""
     blocks = []
     values = []
     limits = (-np.inf, np.inf)
     for serial, report in reports.items():
-        if report.identity != part:
+        if report.identity != identity:
             continue
         for judgement in report.judged:
             decision = judgement.decision
-            if judgement.characteristic.key == key and np.isfinite(decision.value):
+            if judgement.characteristic.key == characteristic_key and np.isfinite(decision.value):
                 blocks.append(serial)
                 values.append(decision.value)
                 limits = (decision.lower, decision.upper)
@@ -161,25 +161,25 @@ def _measure_batch(
     array = np.array(values)
     lower, upper = limits
     return MeasuredBatch(
-        part=part,
-        characteristic=key,
+        part=identity,
+        characteristic=characteristic_key,
         blocks=tuple(blocks),
         lower=lower,
         upper=upper,
         capability=compute_capability(array, lower, upper),
-        chart=chart_individuals(array),
+        chart=make_individuals_chart(array),
     )
 
 
-def draw_charts(path: Path, batches: Sequence[MeasuredBatch]) -> None:
+def draw_control_charts(path: Path, batches: Sequence[MeasuredBatch]) -> None:
     """Draw the chart of individuals of each characteristic with its limits, and save it."""
     figure, axes = make_figure(len(batches), height=_HEIGHT * len(batches) + _MARGIN)
     for panel, batch in zip(np.atleast_1d(axes), batches, strict=True):
-        _draw_chart(panel, batch)
+        _draw_control_chart(panel, batch)
     save_figure(figure, path)
 
 
-def _draw_chart(panel: Axes, batch: MeasuredBatch) -> None:
+def _draw_control_chart(panel: Axes, batch: MeasuredBatch) -> None:
     """Draw the parts of a batch in their order, in micrometres or degrees."""
     factor, unit = 1e6, "um"
     if is_angle(batch.characteristic):
@@ -193,7 +193,7 @@ def _draw_chart(panel: Axes, batch: MeasuredBatch) -> None:
     for limit in (batch.lower, batch.upper):
         if np.isfinite(limit):
             panel.axhline(factor * limit, color=_LIMIT_COLOUR, lw=0.8)
-    for place in chart.find_outside():
+    for place in chart.find_parts_outside_limits():
         panel.plot(place, factor * chart.values[place], "o", color=_LIMIT_COLOUR, ms=6)
     rotation = 0
     if len(places) > _MOST_LEVEL_NAMES:

@@ -130,8 +130,8 @@ class Instrument:
     lateral_std: float | None = None
 
     def __post_init__(self) -> None:
-        _require_relative_std("calibration", self.calibration_std)
-        _require_relative_std("lateral calibration", self.lateral_std)
+        _check_relative_std("calibration", self.calibration_std)
+        _check_relative_std("lateral calibration", self.lateral_std)
         if not 0.0 <= self.resolution < _LARGEST_RESOLUTION:
             raise MetrologyError(
                 "resolution, or one count of a scan, must be at least 0 and below 1 mm, got "
@@ -139,7 +139,7 @@ class Instrument:
             )
 
 
-def _require_relative_std(name: str, std: float | None) -> None:
+def _check_relative_std(name: str, std: float | None) -> None:
     """Refuse a relative standard uncertainty [1] that is stated and not in [0, 1)."""
     if std is not None and not 0.0 <= std < 1.0:
         raise MetrologyError(f"{name} must be at least 0 and below 1, got {std}")
@@ -189,9 +189,9 @@ class Measured:
         """
         return _combine_stds(self.components)
 
-    def list_stds(self, name: str) -> list[float]:
+    def list_component_stds(self, component_name: str) -> list[float]:
         """Return the standard uncertainties of the components of a name, in the value's unit."""
-        return [part.std for part in self.components if part.name == name]
+        return [part.std for part in self.components if part.name == component_name]
 
     @property
     def unstated(self) -> tuple[str, ...]:
@@ -210,26 +210,26 @@ class Measured:
     @property
     def dof(self) -> float:
         """Effective degrees of freedom of all components, by Welch and Satterthwaite."""
-        return _find_effective_dof(self.components, self.std)
+        return _compute_effective_dof(self.components, self.std)
 
-    def expanded(self, level: float = 0.95) -> float:
+    def compute_expanded_uncertainty(self, level: float = 0.95) -> float:
         """Half width of the two-sided interval at `level`, in the unit of the value."""
-        return self._compute_quantile(0.5 + 0.5 * level)
+        return self._compute_error_quantile(0.5 + 0.5 * level)
 
     @property
     def coverage_factor(self) -> float:
         """Half width of the interval at 95 % over the standard uncertainty [1]."""
         if self.std > 0.0:
-            return self.expanded() / self.std
+            return self.compute_expanded_uncertainty() / self.std
         return _NORMAL_95
 
     @property
     def guard(self) -> float:
         """Guard band at 95 % conformance probability (ISO 14253-1), in the unit of the value."""
-        return max(GUARD_FACTOR * self.std, self._compute_quantile(0.95))
+        return max(GUARD_FACTOR * self.std, self._compute_error_quantile(0.95))
 
-    def _compute_quantile(self, share: float) -> float:
-        """Return the quantile `share` [1] of the error, in the unit of the value.
+    def _compute_error_quantile(self, probability: float) -> float:
+        """Return the quantile `probability` [1] of the error, in the unit of the value.
 
         It is never less than that of what was estimated from few values alone: degrees of freedom
         that one more component brings must not narrow the interval.
@@ -237,12 +237,14 @@ class Measured:
         from_scan = [part for part in self.components if part.is_known and part.is_type_a]
         scatter = _combine_stds(from_scan)
         # `scipy.stats` says the same, and takes as long to load as all the rest
-        from_scan_alone = float(stdtrit(_find_effective_dof(from_scan, scatter), share)) * scatter
-        by_student = float(stdtrit(self.dof, share)) * self.std
-        return max(from_scan_alone, min(by_student, self._compute_rectangle_quantile(share)))
+        from_scan_alone = (
+            float(stdtrit(_compute_effective_dof(from_scan, scatter), probability)) * scatter
+        )
+        by_student = float(stdtrit(self.dof, probability)) * self.std
+        return max(from_scan_alone, min(by_student, self._compute_rectangle_quantile(probability)))
 
-    def _compute_rectangle_quantile(self, share: float) -> float:
-        """Return the quantile `share` [1] of the largest rectangle and Student's law of all else.
+    def _compute_rectangle_quantile(self, coverage_probability: float) -> float:
+        """Return a quantile of the largest rectangle with Student's law of all else.
 
         The probability is the mean over the rectangle (JCGM 101, 7.6; EA-4/02, S9.14, of a
         rectangle alone); infinite without a rectangle.
@@ -252,14 +254,14 @@ class Measured:
             return math.inf
         beside = math.sqrt(max((self.std / widest) ** 2 - 1.0, _LEAST_VARIANCE))
         nodes = math.sqrt(3.0) * np.linspace(-1.0, 1.0, 2 * _NODES + 1)[1::2]
-        highest = 2.0 * (math.sqrt(3.0) + float(stdtrit(self.dof, share)) * beside)
+        highest = 2.0 * (math.sqrt(3.0) + float(stdtrit(self.dof, coverage_probability)) * beside)
 
-        def miss_share(quantile: float) -> float:
-            """Return by how much the probability below a quantile exceeds `share`."""
+        def compute_probability_excess(quantile: float) -> float:
+            """Return by how much the probability below a quantile exceeds the asked one."""
             probability = stdtr(self.dof, (quantile - nodes) / beside).mean()
-            return float(probability - share)
+            return float(probability - coverage_probability)
 
-        return widest * float(brentq(miss_share, 0.0, highest))
+        return widest * float(brentq(compute_probability_excess, 0.0, highest))
 
 
 def _combine_stds(components: Iterable[Component]) -> float:
@@ -267,25 +269,25 @@ def _combine_stds(components: Iterable[Component]) -> float:
     return math.sqrt(sum(part.std**2 for part in components if part.is_known))
 
 
-def _find_effective_dof(components: Iterable[Component], std: float) -> float:
-    """Return the degrees of freedom of a sum of standard uncertainty `std`.
+def _compute_effective_dof(components: Iterable[Component], combined_std: float) -> float:
+    """Return the degrees of freedom of a sum of standard uncertainty `combined_std`.
 
     They follow Welch and Satterthwaite (JCGM 100, G.2b); infinite where no component has few.
     """
     known = [part for part in components if part.is_known and math.isfinite(part.dof)]
     weight = sum(part.std**4 / part.dof for part in known)
     if weight > 0.0:
-        return std**4 / weight
+        return combined_std**4 / weight
     return math.inf
 
 
-def add_instrument_components(
+def make_measured_with_instrument(
     name: str,
     value: float,
-    own: Sequence[Component],
+    own_components: Sequence[Component],
     instrument: Instrument,
-    others: Sequence[Component] = (),
-    powers: ScalePowers = _HEIGHT,
+    other_components: Sequence[Component] = (),
+    scale_powers: ScalePowers = _HEIGHT,
 ) -> Measured:
     """Add to a value [m] what the instrument leaves open: calibration and resolution.
 
@@ -295,21 +297,21 @@ def add_instrument_components(
         Of the characteristic.
     value : float
         Measured value [m].
-    own, others : sequence of Component
+    own_components, other_components : sequence of Component
         Components that stand before those of the scales, and between these and the resolution.
     instrument : Instrument
         Calibration and resolution.
-    powers : ScalePowers
+    scale_powers : ScalePowers
         With which power the value goes with either scale.
 
     Returns
     -------
     Measured
     """
-    components = list(own)
+    components = list(own_components)
     for source, stated, power in (
-        (Source.CALIBRATION, instrument.calibration_std, powers.vertical),
-        (Source.LATERAL_CALIBRATION, instrument.lateral_std, powers.lateral),
+        (Source.CALIBRATION, instrument.calibration_std, scale_powers.vertical),
+        (Source.LATERAL_CALIBRATION, instrument.lateral_std, scale_powers.lateral),
     ):
         if power != 0.0:
             components.append(_make_scale_component(source, stated, power, value))
@@ -319,11 +321,11 @@ def add_instrument_components(
         how="one count, rectangular",
         bounded=True,
     )
-    components += [*others, resolution]
+    components += [*other_components, resolution]
     return Measured(name, value, tuple(components))
 
 
-def list_tilt_components(height: float, slope: float) -> list[Component]:
+def list_tilt_components(height: float, face_slope: float) -> list[Component]:
     """Return what the slope of the faces leaves open of a height along z; none if negligible.
 
     Where the part leans by an angle a, its step is lower by the share 1 - cos(a); where the slope
@@ -333,10 +335,10 @@ def list_tilt_components(height: float, slope: float) -> list[Component]:
     ----------
     height : float
         Along z [m].
-    slope : float
+    face_slope : float
         Of the faces [1].
     """
-    angle = math.atan(abs(slope))
+    angle = math.atan(abs(face_slope))
     share = 1.0 - math.cos(angle)
     if not share > _NEGLIGIBLE_TILT:
         return []
@@ -347,40 +349,42 @@ def list_tilt_components(height: float, slope: float) -> list[Component]:
 
 
 def _make_scale_component(
-    source: Source, stated: float | None, power: float, value: float
+    source: Source, relative_std: float | None, scale_power: float, measured_value: float
 ) -> Component:
-    """Make the component of a scale of relative standard uncertainty `stated`, of a value [m].
+    """Make the component of a scale of a relative standard uncertainty, of a value [m].
 
     Where nobody stated it, what makers specify stands for it.
     """
-    if stated is None:
-        relative = power * UNSTATED_SCALE
+    if relative_std is None:
+        relative = scale_power * UNSTATED_SCALE
         how = (
             f"{UNSTATED}: {relative:g} of the value, as makers specify stylus instruments "
             "(Haitjema 1998)"
         )
-        return Component(source, relative * abs(value), how=how, assumed=True)
-    relative = power * stated
-    return Component(source, relative * abs(value), how=f"{relative:g} of the value")
+        return Component(source, relative * abs(measured_value), how=how, assumed=True)
+    relative = scale_power * relative_std
+    return Component(source, relative * abs(measured_value), how=f"{relative:g} of the value")
 
 
 def average_profiles(
     name: str,
-    found: Sequence[Estimate],
+    estimates: Sequence[Estimate],
     instrument: Instrument,
-    others: Sequence[Component] = (),
-    powers: ScalePowers = _HEIGHT,
-    of: str = "profiles",
+    other_components: Sequence[Component] = (),
+    scale_powers: ScalePowers = _HEIGHT,
+    averaged_items: str = "profiles",
 ) -> Measured:
-    """Average over profiles, or what else `of` says, with a budget; one has no repeatability.
+    """Average over profiles, or other `averaged_items`, with a budget.
+
+    One alone has no repeatability.
 
     Raises
     ------
     MetrologyError
         If there is no profile, or one without a finite value and standard uncertainty.
     """
-    values = np.array([estimate.value for estimate in found])
-    variances = np.array([estimate.std**2 for estimate in found])
+    values = np.array([estimate.value for estimate in estimates])
+    variances = np.array([estimate.std**2 for estimate in estimates])
     finite = np.isfinite(values).all() and np.isfinite(variances).all()
     if not len(values) or not finite:
         raise MetrologyError(
@@ -389,20 +393,30 @@ def average_profiles(
     mean = float(values.mean())
     if len(values) == 1:
         noise = Component(
-            Source.NOISE, math.sqrt(variances[0]), found[0].dof, "autocovariance of the residuals"
+            Source.NOISE,
+            math.sqrt(variances[0]),
+            estimates[0].dof,
+            "autocovariance of the residuals",
         )
         unseen = Component(Source.REPEATABILITY, math.nan, how="one profile: not observed")
         parts = [noise, unseen]
     else:
-        parts = _split_scatter(values - mean, float(variances.mean()) / len(values), of)
-    return add_instrument_components(name, mean, parts, instrument, others, powers)
+        parts = _split_noise_and_repeatability(
+            values - mean, float(variances.mean()) / len(values), averaged_items
+        )
+    return make_measured_with_instrument(
+        name, mean, parts, instrument, other_components, scale_powers
+    )
 
 
-def _split_scatter(deviations: Array, noise: float, of: str) -> list[Component]:
+def _split_noise_and_repeatability(
+    deviations: Array, noise_variance: float, averaged_items: str
+) -> list[Component]:
     """Split the variance of a mean over profiles into their noise and repeatability.
 
-    `deviations`, shape (n,), are those of the profiles from their mean [m]; `noise` is the variance
-    of the mean that their noise explains [m^2]; `of` names what is averaged.
+    `deviations`, shape (n,), are those of the profiles from their mean [m]; `noise_variance` is
+    the variance of the mean that their noise explains [m^2]; `averaged_items` names what is
+    averaged.
     """
     # Neighbouring profiles may err together, so of the scatter only its slow part counts: the
     # lowest cosines over the map, whose squares average the variance of the mean with as many
@@ -416,17 +430,17 @@ def _split_scatter(deviations: Array, noise: float, of: str) -> list[Component]:
     cosines = min(max(_LEAST_COSINES, round(0.4 * count ** (2.0 / 3.0))), count - 1)
     amplitudes = dct(deviations, norm="ortho")[1 : cosines + 1]
     variance = float(np.mean(amplitudes**2)) / count
-    origin = f"scatter of {count} {of}"
+    origin = f"scatter of {count} {averaged_items}"
     if cosines < count - 1:
         origin = f"slow part of the {origin}"
-    beyond = variance - noise
+    beyond = variance - noise_variance
     if beyond <= 0.0:
         return [
             Component(Source.NOISE, math.sqrt(variance), float(cosines), origin),
             Component(Source.REPEATABILITY, 0.0, how="none beyond noise"),
         ]
     return [
-        Component(Source.NOISE, math.sqrt(noise), how="autocovariance of the residuals"),
+        Component(Source.NOISE, math.sqrt(noise_variance), how="autocovariance of the residuals"),
         Component(
             Source.REPEATABILITY,
             math.sqrt(beyond),

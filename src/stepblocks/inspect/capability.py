@@ -82,7 +82,7 @@ class ControlChart:
     ranges: Array
     range_upper: float
 
-    def find_outside(self) -> list[int]:
+    def find_parts_outside_limits(self) -> list[int]:
         """Find the parts that lie outside the limits, by their places."""
         is_outside = (self.values < self.lower) | (self.values > self.upper)
         places: list[int] = np.flatnonzero(is_outside).tolist()
@@ -120,9 +120,9 @@ def compute_capability(values: Array, lower: float, upper: float) -> Capability:
         mean=mean,
         std_overall=overall,
         std_within=within,
-        pp=_compute_index(upper - lower, 6.0 * overall, count - 1.0),
+        pp=_compute_spread_index(upper - lower, 6.0 * overall, count - 1.0),
         ppk=_compute_centred_index(to_nearer_limit, overall, count, count - 1.0),
-        cp=_compute_index(upper - lower, 6.0 * within, freedom_within),
+        cp=_compute_spread_index(upper - lower, 6.0 * within, freedom_within),
         cpk=_compute_centred_index(to_nearer_limit, within, count, freedom_within),
     )
 
@@ -132,32 +132,32 @@ def estimate_std_within(values: Array) -> float:
     return float(np.mean(np.abs(np.diff(values)))) / _D2
 
 
-def _compute_index(width: float, spread: float, freedom: float) -> Index:
+def _compute_spread_index(limit_width: float, spread: float, dof: float) -> Index:
     """Compute Pp or Cp: the width of the limits in spreads, with its chi-squared interval."""
     from scipy import stats
 
-    if not (math.isfinite(width) and spread > 0.0):
+    if not (math.isfinite(limit_width) and spread > 0.0):
         return _NO_INDEX
-    value = width / spread
+    value = limit_width / spread
     tail = 0.5 * (1.0 - _LEVEL)
-    low = math.sqrt(stats.chi2.ppf(tail, freedom) / freedom)
-    high = math.sqrt(stats.chi2.ppf(1.0 - tail, freedom) / freedom)
+    low = math.sqrt(stats.chi2.ppf(tail, dof) / dof)
+    high = math.sqrt(stats.chi2.ppf(1.0 - tail, dof) / dof)
     return Index(value, value * low, value * high)
 
 
-def _compute_centred_index(distance: float, std: float, count: int, freedom: float) -> Index:
+def _compute_centred_index(distance_to_limit: float, std: float, count: int, dof: float) -> Index:
     """Compute Ppk or Cpk: the distance of the mean to the nearer limit, with Bissell's interval."""
     from scipy import stats
 
-    if not (math.isfinite(distance) and std > 0.0):
+    if not (math.isfinite(distance_to_limit) and std > 0.0):
         return _NO_INDEX
-    value = distance / (3.0 * std)
+    value = distance_to_limit / (3.0 * std)
     coverage = float(stats.norm.ppf(0.5 + 0.5 * _LEVEL))
-    half = coverage * math.sqrt(1.0 / (9.0 * count) + value**2 / (2.0 * freedom))
+    half = coverage * math.sqrt(1.0 / (9.0 * count) + value**2 / (2.0 * dof))
     return Index(value, value - half, value + half)
 
 
-def chart_individuals(values: Array) -> ControlChart:
+def make_individuals_chart(values: Array) -> ControlChart:
     """Chart parts in the order in which they were made.
 
     Parameters
@@ -187,7 +187,7 @@ def chart_individuals(values: Array) -> ControlChart:
     )
 
 
-def find_copies(digests: Sequence[str]) -> set[int]:
+def find_repeated_digests(digests: Sequence[str]) -> set[int]:
     """Find the parts whose scans are those of an earlier part, by their places.
 
     Parameters

@@ -85,7 +85,7 @@ def decide_conformity(
     if guard is None:
         guard = max(GUARD_FACTOR, float(stdtrit(dof, 0.95))) * std
     return Decision(
-        verdict=_compare_with_limits(value, lower, upper, guard),
+        verdict=_decide_outcome(value, lower, upper, guard),
         value=value,
         std=std,
         lower=lower,
@@ -95,7 +95,7 @@ def decide_conformity(
     )
 
 
-def _compare_with_limits(value: float, lower: float, upper: float, guard: float) -> Outcome:
+def _decide_outcome(value: float, lower: float, upper: float, guard: float) -> Outcome:
     """Return the outcome of ISO 14253-1, all sizes in the unit of the value."""
     if lower + guard <= value <= upper - guard:
         return Outcome.CONFORMS
@@ -115,17 +115,19 @@ def _compute_conformance_probability(
     return below_upper - below_lower
 
 
-def judge_conformity(measured: Measured, nominal: float, lower: float, upper: float) -> Decision:
+def judge_measured_conformity(
+    measured: Measured, nominal: float, lower_deviation: float, upper_deviation: float
+) -> Decision:
     """Judge a value by nominal and signed deviations, all in the unit of the value.
 
     A lower limit at or below zero of what cannot be negative is none. Of a bound only that side is
     proven on which it bounds; of what has no stated uncertainty nothing is.
     """
-    least = nominal + lower
+    least = nominal + lower_deviation
     if least <= 0.0 <= nominal:
         least = -math.inf
     decision = decide_conformity(
-        measured.value, measured.std, least, nominal + upper, measured.dof, measured.guard
+        measured.value, measured.std, least, nominal + upper_deviation, measured.dof, measured.guard
     )
     if decision.verdict is Outcome.NOT_PROVEN:
         return decision

@@ -18,18 +18,18 @@ from stepblocks.inspect.budget import (
     Instrument,
     Measured,
     Source,
-    add_instrument_components,
     average_profiles,
+    make_measured_with_instrument,
 )
 from stepblocks.inspect.evaluation import AS_FOUND, Evaluation, EvaluationOptions, Shown
 from stepblocks.inspect.map_levels import (
     TURNS,
     build_row_lines,
-    find_bulk,
+    find_bulk_points,
     find_nearest_known,
     level_map,
     level_rows,
-    sum_lines,
+    sum_weighted_row_lines,
 )
 from stepblocks.inspect.noise import (
     LEAST_SCATTER,
@@ -40,7 +40,7 @@ from stepblocks.inspect.noise import (
     estimate_std_of_row_sums,
 )
 from stepblocks.inspect.notes import NoteKind
-from stepblocks.inspect.profiles import number_features
+from stepblocks.inspect.profiles import collect_numbered_features
 from stepblocks.scans.scan import HeightMap, ScannedProfile
 
 Labels = NDArray[np.intp]  # shape (ny, nx); number of a dot at its points, else 0
@@ -92,15 +92,15 @@ class _Depths:
     of_cores: Array  # depths of the middles of the floors
 
     @property
-    def have_level_floor(self) -> Mask:
+    def has_level_floor(self) -> Mask:
         """Which dots have a level floor."""
         falls = np.abs(self.of_cores - self.depths) + self.stds
         return np.asarray(falls < _LEVEL_FLOOR * self.depths)
 
-    def list_changes(self, chosen: NDArray[np.intp]) -> Array:
+    def compute_depth_changes(self, dot_indices: NDArray[np.intp]) -> Array:
         """Return the changes of the depths of some dots by both other ways, shape (2, chosen)."""
-        again = np.stack([self.without_rows, self.of_cores])[:, chosen]
-        return again - self.depths[chosen]
+        again = np.stack([self.without_rows, self.of_cores])[:, dot_indices]
+        return again - self.depths[dot_indices]
 
 
 def measure_dots(
@@ -126,37 +126,37 @@ def measure_dots(
     dots = _find_dots_and_reference(scan, z, known, options)
     level = level_map(z, dots.reference, 2)
     rows = level_rows(level, dots.reference)
-    regions = _divide_regions(dots, known)
-    depths = _measure_depths(dots, regions, level, rows)
+    regions = _find_height_regions(dots, known)
+    depths = _measure_dot_depths(dots, regions, level, rows)
     is_cut = _find_cut_dots(dots)
-    is_measured = _find_measured_dots(dots, known)
-    kept = np.flatnonzero(depths.have_level_floor & ~is_cut & is_measured)
+    is_measured = _find_sufficiently_measured_dots(dots, known)
+    kept = np.flatnonzero(depths.has_level_floor & ~is_cut & is_measured)
     counted = NoteKind.DOTS_KEPT.make_note(
         kept=len(kept), total=len(dots.numbers), cut=is_cut.sum()
     )
     if 2 * len(kept) <= np.sum(~is_cut):
         raise MetrologyError(f"most dots and craters must have a level floor, got: {counted}")
-    kept = _select_asked_dots(kept, options.edges)
+    kept = _select_requested_dots(kept, options.edges)
     notes = [counted]
     name = key.replace("_", " ")
     found = []
     for depth, std in zip(depths.depths[kept].tolist(), depths.stds[kept].tolist(), strict=True):
         found.append(Estimate(depth, std, depths.dof))
-    changes = depths.list_changes(kept)
+    changes = depths.compute_depth_changes(kept)
     average_noise = float(np.sqrt(np.mean(depths.stds[kept] ** 2) / len(kept)))
     average_form = _make_form_component(changes.mean(axis=1), average_noise)
     average = partial(
-        average_profiles, f"{name}, mean", found, instrument, [average_form], of="dots"
+        average_profiles, f"{name}, mean", found, instrument, [average_form], averaged_items="dots"
     )
     centres: Any = ndimage.center_of_mass(dots.labels > 0, dots.labels, kept + 1)
     places: list[tuple[float, float]] = list(centres)  # one for each label
     features = []
     for estimate, (y, x), change in zip(found, places, changes.T, strict=True):
         at_place = f"{name} at {x * scan.dx * 1e6:.4g}, {y * scan.dy * 1e6:.4g} um"
-        features.append(_add_depth_budget(at_place, estimate, change, instrument))
+        features.append(_make_depth_with_budget(at_place, estimate, change, instrument))
     most_floor = np.argmax(np.isin(regions.floor, kept + 1).sum(axis=1))
     return Evaluation(
-        values=number_features(key, features, average, notes),
+        values=collect_numbered_features(key, features, average, notes),
         convention="each dot or crater by the mean of the inner half of its width at half depth, "
         "over the surface beside it, levelled row by row, "
         f"{dots.exclusion * 1e6:.3g} um kept from every edge",
@@ -166,16 +166,16 @@ def measure_dots(
 
 
 def _find_dots_and_reference(
-    scan: HeightMap, z: Array, known: Mask, options: EvaluationOptions
+    scan: HeightMap, filled_heights: Array, known: Mask, options: EvaluationOptions
 ) -> _Dots:
     """Find the dots of a map; its surface is levelled without them, and they are sought again.
 
-    `z`, shape (ny, nx), are the heights with missing ones filled [m].
+    `filled_heights`, shape (ny, nx), are the heights with missing ones filled [m].
     """
     pitch = (scan.dy, scan.dx)
-    reference = find_bulk(z, known)
+    reference = find_bulk_points(filled_heights, known)
     for _ in range(TURNS // 2):
-        calm = _remove_lone_points(level_map(z, reference, 2), reference)
+        calm = _remove_lone_points(level_map(filled_heights, reference, 2), reference)
         labels = _label_dots(calm, scan.source)
         within = ndimage.distance_transform_edt(labels > 0, sampling=pitch)
         outside = ndimage.distance_transform_edt(labels == 0, sampling=pitch)
@@ -197,10 +197,10 @@ class _CalmSurface:
         return np.asarray(np.abs(self.heights) > self.least)
 
 
-def _remove_lone_points(level: Array, reference: Mask) -> _CalmSurface:
+def _remove_lone_points(levelled_heights: Array, reference: Mask) -> _CalmSurface:
     """Remove single points that stand out from a levelled map, shape (ny, nx) [m]."""
-    beside = level[reference]
-    heights = ndimage.median_filter(level - np.median(beside), 3)
+    beside = levelled_heights[reference]
+    heights = ndimage.median_filter(levelled_heights - np.median(beside), 3)
     scatter = max(estimate_robust_scale(beside), LEAST_SCATTER)
     return _CalmSurface(heights, _STAND_OUT * scatter)
 
@@ -223,7 +223,7 @@ def _label_dots(calm: _CalmSurface, source: str) -> Labels:
     return np.asarray(ndimage.label((islands > 0) & above_half)[0])
 
 
-def _divide_regions(dots: _Dots, known: Mask) -> _Regions:
+def _find_height_regions(dots: _Dots, known: Mask) -> _Regions:
     """Return where the heights of dots and of the surface beside them are taken."""
     labels = dots.labels
     widest = np.append(1.0, ndimage.maximum(dots.within, labels, dots.numbers))
@@ -239,31 +239,33 @@ def _divide_regions(dots: _Dots, known: Mask) -> _Regions:
     )
 
 
-def _measure_depths(dots: _Dots, regions: _Regions, level: Array, rows: Array) -> _Depths:
+def _measure_dot_depths(
+    dots: _Dots, regions: _Regions, levelled_map: Array, levelled_rows: Array
+) -> _Depths:
     """Measure the depths of all dots on a map [m], levelled as a whole and row by row."""
-    weights = _yield_weights(dots.reference, dots.labels, regions.floor, regions.beside)
-    stds = estimate_std_of_row_sums(weights, rows, dots.reference)
+    weights = _iterate_floor_weights(dots.reference, dots.labels, regions.floor, regions.beside)
+    stds = estimate_std_of_row_sums(weights, levelled_rows, dots.reference)
     # as many as would fit into what lies beside them, less the form of the map
     usual_floor = max(np.median(np.bincount(regions.floor[regions.floor > 0])), 1)
     dof = max(float(dots.reference.sum()) / usual_floor - _TERMS_OF_FORM, 1.0)
     numbers = dots.numbers
 
-    def subtract_means(heights: Array, inner: Labels) -> Array:
+    def compute_depths(heights: Array, inner: Labels) -> Array:
         """Return by how much mean heights within and beside dots differ, shape (dots,) [m]."""
         of_inner = ndimage.mean(heights, inner, numbers)
         return np.asarray(np.abs(of_inner - ndimage.mean(heights, regions.beside, numbers)))
 
     with np.errstate(invalid="ignore"):  # of what has no points the mean is none
         return _Depths(
-            depths=subtract_means(rows, regions.floor),
+            depths=compute_depths(levelled_rows, regions.floor),
             stds=stds,
             dof=dof,
-            without_rows=subtract_means(level, regions.floor),
-            of_cores=subtract_means(rows, regions.core),
+            without_rows=compute_depths(levelled_map, regions.floor),
+            of_cores=compute_depths(levelled_rows, regions.core),
         )
 
 
-def _yield_weights(
+def _iterate_floor_weights(
     reference: Mask, labels: Labels, floor: Labels, beside: Labels
 ) -> Iterator[Array]:
     """Yield the weights of the points of its rows in the height of each floor over what is beside.
@@ -279,7 +281,7 @@ def _yield_weights(
         direct = inner / max(inner.sum(), 1) - outer / max(outer.sum(), 1)
         own_lines = lines[:, own_rows]
         # the transpose of levelling: lines through all points take from those of the reference
-        yield direct - sum_lines(reference[own_rows] * own_lines, own_lines, direct)
+        yield direct - sum_weighted_row_lines(reference[own_rows] * own_lines, own_lines, direct)
 
 
 def _find_cut_dots(dots: _Dots) -> Mask:
@@ -289,7 +291,7 @@ def _find_cut_dots(dots: _Dots) -> Mask:
     return np.isin(dots.numbers, border)
 
 
-def _find_measured_dots(dots: _Dots, known: Mask) -> Mask:
+def _find_sufficiently_measured_dots(dots: _Dots, known: Mask) -> Mask:
     """Return which dots have enough of their own points measured, shape (dots,).
 
     Raises
@@ -309,36 +311,40 @@ def _find_measured_dots(dots: _Dots, known: Mask) -> Mask:
     return np.asarray(is_measured)
 
 
-def _select_asked_dots(kept: NDArray[np.intp], asked: Sequence[int] | None) -> NDArray[np.intp]:
+def _select_requested_dots(
+    kept: NDArray[np.intp], requested_numbers: Sequence[int] | None
+) -> NDArray[np.intp]:
     """Return the kept dots that the options name, counted from 1; all where they name none."""
-    if not asked:
+    if not requested_numbers:
         return kept
-    if max(asked) > len(kept):
-        raise MetrologyError(f"edges must name some of the {len(kept)} dots, got {asked}")
-    return np.asarray(kept[np.array(asked) - 1])
+    if max(requested_numbers) > len(kept):
+        raise MetrologyError(
+            f"edges must name some of the {len(kept)} dots, got {requested_numbers}"
+        )
+    return np.asarray(kept[np.array(requested_numbers) - 1])
 
 
-def _add_depth_budget(
-    name: str, estimate: Estimate, changes: Array, instrument: Instrument
+def _make_depth_with_budget(
+    name: str, estimate: Estimate, depth_changes: Array, instrument: Instrument
 ) -> Measured:
-    """Add its budget to the depth of a dot; `changes` are those by both other ways [m]."""
+    """Add its budget to the depth of a dot; `depth_changes` are those by both other ways [m]."""
     noise = Component(
         Source.NOISE,
         estimate.std,
         estimate.dof,
         "autocovariance of the surface beside it, and what the lines of its rows leave",
     )
-    form = _make_form_component(changes, estimate.std)
-    return add_instrument_components(name, estimate.value, [noise], instrument, [form])
+    form = _make_form_component(depth_changes, estimate.std)
+    return make_measured_with_instrument(name, estimate.value, [noise], instrument, [form])
 
 
-def _make_form_component(changes: Array, noise: float) -> Component:
+def _make_form_component(depth_changes: Array, noise_std: float) -> Component:
     """Make the component that the form leaves open of a depth, a rectangle.
 
     It is the largest change by another levelling or part of a floor, less what noise alone changes
     [m].
     """
-    beyond_noise = max(float(np.max(changes**2)) - 3.0 * noise**2, 0.0)
+    beyond_noise = max(float(np.max(depth_changes**2)) - 3.0 * noise_std**2, 0.0)
     return Component(
         Source.FORM,
         float(np.sqrt(beyond_noise / 3.0)),

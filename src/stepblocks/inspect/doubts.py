@@ -20,18 +20,20 @@ _NEAR_POWER = 0.3
 _TOO_LONG = 10.0
 
 
-def refuse_wrong_unit(size: Characteristic, value: float, scale: str, place: str) -> None:
+def refuse_wrong_height_unit(
+    declared: Characteristic, measured_size: float, scale_description: str, file_name: str
+) -> None:
     """Refuse heights that are off what is declared by a power of 1000.
 
     Parameters
     ----------
-    size : Characteristic
+    declared : Characteristic
         What the part or the standard declares.
-    value : float
+    measured_size : float
         What the scan shows [m].
-    scale : str
+    scale_description : str
         How the reader read the heights.
-    place : str
+    file_name : str
         Name of the file.
 
     Raises
@@ -39,42 +41,43 @@ def refuse_wrong_unit(size: Characteristic, value: float, scale: str, place: str
     MetrologyError
         With the unit that is likely.
     """
-    power = _find_power_of_1000(size, value)
+    power = _compute_power_of_1000_off(declared, measured_size)
     if not power:
         return
     raise MetrologyError(
-        f"{size.label} must be near {size.nominal * 1e6:.4g} um, got {value * 1e6:.4g} um, about "
+        f"{declared.label} must be near {declared.nominal * 1e6:.4g} um, got "
+        f"{measured_size * 1e6:.4g} um, about "
         f"{1000.0**power:g} times as much: the unit of the heights is likely "
-        f"{_suggest_unit(scale, power)} [{place}]"
+        f"{_describe_likely_unit(scale_description, power)} [{file_name}]"
     )
 
 
-def refuse_long_scan(sizes: Iterable[Characteristic], length: float, place: str) -> None:
+def refuse_long_scan(sizes: Iterable[Characteristic], scan_length: float, file_name: str) -> None:
     """Refuse a scan of a length [m] that is far beyond the largest size of its part."""
     largest = 0.0
     for size in sizes:
         if size.kind == "distance":
             largest = max(largest, size.nominal)
-    if length <= _TOO_LONG * largest or not largest:
+    if scan_length <= _TOO_LONG * largest or not largest:
         return
     raise MetrologyError(
         f"positions must lie on the part, of at most {largest * 1e3:.4g} mm, got a scan of "
-        f"{length * 1e3:.4g} mm: make sure of the unit of the positions [{place}]"
+        f"{scan_length * 1e3:.4g} mm: make sure of the unit of the positions [{file_name}]"
     )
 
 
-def note_other_parts_of_size(
-    size: Characteristic, value: float, parts: Iterable[Part]
+def note_other_parts_of_measured_size(
+    declared: Characteristic, measured_size: float, other_parts: Iterable[Part]
 ) -> list[Note]:
     """Note that another part of the set is of the size that was measured.
 
     Parameters
     ----------
-    size : Characteristic
+    declared : Characteristic
         What the part declares.
-    value : float
+    measured_size : float
         What the scan shows [m].
-    parts : iterable of Part
+    other_parts : iterable of Part
         Other parts of the set.
 
     Returns
@@ -82,20 +85,20 @@ def note_other_parts_of_size(
     list of Note
         One, or none where nothing is in doubt.
     """
-    twins = _find_parts_of_size(size.key, value, parts)
+    twins = _list_ids_of_parts_of_size(declared.key, measured_size, other_parts)
     if not twins:
         return []
     kind = NoteKind.PART_LIKELY_WRONG
-    if size.lower <= value - size.nominal <= size.upper:
+    if declared.lower <= measured_size - declared.nominal <= declared.upper:
         kind = NoteKind.PART_IN_DOUBT
-    return [kind.make_note(label=size.label, value=value * 1e6, twins=", ".join(twins))]
+    return [kind.make_note(label=declared.label, value=measured_size * 1e6, twins=", ".join(twins))]
 
 
-def _find_power_of_1000(size: Characteristic, value: float) -> int:
+def _compute_power_of_1000_off(declared: Characteristic, measured_size: float) -> int:
     """Return the power of 1000 by which a value [m] is off what is declared; 0 where by none."""
-    if not size.nominal:
+    if not declared.nominal:
         return 0
-    ratio = value / size.nominal
+    ratio = measured_size / declared.nominal
     if not ratio > 0.0:
         return 0
     power = round(math.log10(ratio) / 3.0)
@@ -104,9 +107,9 @@ def _find_power_of_1000(size: Characteristic, value: float) -> int:
     return 0
 
 
-def _suggest_unit(scale: str, power: int) -> str:
+def _describe_likely_unit(scale_description: str, power: int) -> str:
     """Say which unit explains heights that are off by a power of 1000, and which was read."""
-    units = _UNIT_READ.findall(scale.split(";")[0].replace("µ", "u"))
+    units = _UNIT_READ.findall(scale_description.split(";")[0].replace("µ", "u"))
     if not units:
         return "another one"
     read = units[-1]
@@ -116,13 +119,15 @@ def _suggest_unit(scale: str, power: int) -> str:
     return "another one"
 
 
-def _find_parts_of_size(key: str, value: float, parts: Iterable[Part]) -> list[str]:
+def _list_ids_of_parts_of_size(
+    characteristic_key: str, measured_size: float, parts: Iterable[Part]
+) -> list[str]:
     """Return the identities of the parts whose characteristic of a key holds a value [m]."""
     twins = []
     for part in parts:
         for size in part.characteristics():
-            if size.key != key:
+            if size.key != characteristic_key:
                 continue
-            if size.nominal + size.lower <= value <= size.nominal + size.upper:
+            if size.nominal + size.lower <= measured_size <= size.nominal + size.upper:
                 twins.append(part.id)
     return twins

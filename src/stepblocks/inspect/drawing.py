@@ -24,16 +24,16 @@ def draw_scan(axes: Axes, shown: Shown, judged: Sequence[Judgement]) -> None:
     x = shown.position[::thin] * 1e6
     z = shown.height[::thin] * 1e6
     axes.plot(x, z, color=_SCAN, linewidth=1.4)
-    _draw_windows(axes, shown)
+    _shade_evaluated_windows(axes, shown)
     if shown.fitted is not None:
-        _draw_fit(axes, x, z, shown.fitted[::thin] * 1e6)
-    _draw_left_out(axes, shown)
+        _draw_fit_and_residuals(axes, x, z, shown.fitted[::thin] * 1e6)
+    _mark_left_out_points(axes, shown)
     if axes.get_legend_handles_labels()[0]:
         axes.legend(
             loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, fontsize=7, frameon=False
         )
     lowest, highest = np.nanmin(z), np.nanmax(z)
-    _draw_limits(axes, judged, -1.0 if _lies_below_faces(z) else 1.0)
+    _draw_height_limits(axes, judged, -1.0 if _is_feature_below_faces(z) else 1.0)
     span = highest - lowest
     axes.set(
         xlim=(x[0], x[-1]),
@@ -47,7 +47,7 @@ def draw_scan(axes: Axes, shown: Shown, judged: Sequence[Judgement]) -> None:
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def _draw_windows(axes: Axes, shown: Shown) -> None:
+def _shade_evaluated_windows(axes: Axes, shown: Shown) -> None:
     """Shade the stretches that were evaluated; the first names them in the legend."""
     for index, window in enumerate(shown.windows):
         label = None
@@ -64,12 +64,14 @@ def _draw_windows(axes: Axes, shown: Shown) -> None:
         )
 
 
-def _draw_fit(axes: Axes, x: Array, z: Array, fitted: Array) -> None:
+def _draw_fit_and_residuals(
+    axes: Axes, position_um: Array, height_um: Array, fitted_um: Array
+) -> None:
     """Draw what was fitted, and the residuals below it, all of shape (n,) [um]."""
-    axes.plot(x, fitted, color=_FITTED, linewidth=0.7, label="fitted")
-    residuals = z - fitted
+    axes.plot(position_um, fitted_um, color=_FITTED, linewidth=0.7, label="fitted")
+    residuals = height_um - fitted_um
     below = axes.inset_axes((0.0, -0.37, 1.0, 0.16), sharex=axes)
-    below.plot(x, residuals, color=_RESIDUAL, linewidth=0.6)
+    below.plot(position_um, residuals, color=_RESIDUAL, linewidth=0.6)
     reach = max(2.0 * float(np.nanpercentile(np.abs(residuals), _WELL_FITTED)), 1e-9)
     below.set(ylim=(-reach, reach))
     # above, where it is whole however long the numbers at the left are
@@ -77,7 +79,7 @@ def _draw_fit(axes: Axes, x: Array, z: Array, fitted: Array) -> None:
     below.tick_params(labelsize=7, labelbottom=False)
 
 
-def _draw_left_out(axes: Axes, shown: Shown) -> None:
+def _mark_left_out_points(axes: Axes, shown: Shown) -> None:
     """Mark the points that were left out, if any."""
     dropped = shown.dropped
     if dropped is None or not dropped.any():
@@ -92,14 +94,14 @@ def _draw_left_out(axes: Axes, shown: Shown) -> None:
     )
 
 
-def _lies_below_faces(z: Array) -> bool:
+def _is_feature_below_faces(heights: Array) -> bool:
     """Tell whether a feature lies below its faces, so that its limits are drawn there [um]."""
-    lowest, highest = np.nanmin(z), np.nanmax(z)
-    mostly_high = np.nanmedian(z) > 0.5 * (lowest + highest)
-    return bool(mostly_high and lowest < -0.5 * np.ptp(z))
+    lowest, highest = np.nanmin(heights), np.nanmax(heights)
+    mostly_high = np.nanmedian(heights) > 0.5 * (lowest + highest)
+    return bool(mostly_high and lowest < -0.5 * np.ptp(heights))
 
 
-def _draw_limits(axes: Axes, judged: Sequence[Judgement], sign: float) -> None:
+def _draw_height_limits(axes: Axes, judged: Sequence[Judgement], sign: float) -> None:
     """Draw the limits of heights, below the faces where `sign` is -1."""
     for judgement in judged:
         if judgement.characteristic.key not in _HEIGHTS:

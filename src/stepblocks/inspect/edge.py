@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.edge_arc import Arc, Window, compute_edge_profile, fit_arc
+from stepblocks.inspect.edge_arc import Arc, EdgeWindow, compute_edge_profile, fit_arc
 from stepblocks.inspect.edge_flank import Flank, fit_flank
 from stepblocks.inspect.edge_waviness import WavyFaces, find_wavy_faces
 from stepblocks.inspect.form import FaceForm, estimate_zone
@@ -121,18 +121,18 @@ class Edge:
         """1 where the higher face lies at larger positions, else -1."""
         return 1.0 if self.rising else -1.0
 
-    def locate_points(self, position: Array, height: Array) -> LevelledPoints:
+    def locate_points_beside_edge(self, position: Array, height: Array) -> LevelledPoints:
         """Return where points lie beside the edge."""
         across = self.sign * (position - self.middle)
         return LevelledPoints(across, height - self.offset - self.tilt * position)
 
-    def measure_riser(self, position: Array, height: Array, angle: float) -> Estimate:
+    def estimate_riser_form(self, position: Array, height: Array, riser_angle: float) -> Estimate:
         """Return the zone of the form of a sloping riser in the middle half of its height [m].
 
         The form is a cubic, as that of a face: the zone of all points would grow with the noise.
-        `angle` is that of the riser [rad].
+        `riser_angle` is that of the riser [rad].
         """
-        points = self.locate_points(position, height)
+        points = self.locate_points_beside_edge(position, height)
         u, level = points.across, points.level
         in_middle = np.abs(level / self.height.value - 0.5) < _MIDDLE
         used = (np.abs(u) <= self.exclusion) & in_middle
@@ -154,9 +154,9 @@ class Edge:
             dof=np.inf,
             degree=_RISER_DEGREE,
         )
-        zone = estimate_zone(lambda shape: float(np.ptp(shape[:, 2]) * np.cos(angle)), form)
+        zone = estimate_zone(lambda shape: float(np.ptp(shape[:, 2]) * np.cos(riser_angle)), form)
         # the polynomials span two: the zone moves by no more than twice what noise adds to either
-        least = 2.0 * float(stds.max() * np.cos(angle))
+        least = 2.0 * float(stds.max() * np.cos(riser_angle))
         return replace(zone, std=max(zone.std, least))
 
 
@@ -183,7 +183,7 @@ class _IsolatedEdge:
         """Sampling interval [m]."""
         return float((self.x[-1] - self.x[0]) / (len(self.x) - 1))
 
-    def map_to_profile(self, points: Mask) -> Mask:
+    def map_points_to_profile(self, points: Mask) -> Mask:
         """Return points of the edge, shape (m,), as points of the profile as given, shape (n,)."""
         turned = np.zeros(len(self.points), dtype=bool)
         turned[np.flatnonzero(self.points)] = points if self.rising else points[::-1]
@@ -214,13 +214,13 @@ class _Faces:
         """Return heights over the lower face; those of the upper face are about the step [m]."""
         level = z - self.planes.offset - self.planes.tilt * x
         if self.wavy is not None:
-            return level - self.wavy.compute_heights(x)
+            return level - self.wavy.compute_heights_over_planes(x)
         return level
 
-    def compute_covariance_root(self, x: Array) -> Array:
+    def compute_level_covariance_root(self, x: Array) -> Array:
         """Return rows whose products add up to the covariance of the levels, shape (k, n) [m]."""
         if self.wavy is not None:
-            return self.wavy.compute_covariance_root(x)
+            return self.wavy.compute_level_covariance_root(x)
         is_upper = (x > self.middle).astype(float)
         return np.asarray(self.errors @ np.stack([x - self.middle, np.ones(len(x)), is_upper]))
 
@@ -270,7 +270,7 @@ def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> 
     spikes = near & _find_edge_spikes(edge, faces)
     planes = faces.planes
     levelled = faces.subtract_lower_face(x, z)
-    corner = _fit_corner(x, levelled, edge.spacing, faces, np.flatnonzero(near & ~spikes))
+    corner = _fit_arc_or_flank(x, levelled, edge.spacing, faces, np.flatnonzero(near & ~spikes))
     _refuse_many_spikes(faces, spikes, near)
     shape = corner.arc if corner.flank is None else corner.flank
     radius_std = shape.radius_std
@@ -293,7 +293,7 @@ def fit_edge(position: Array, height: Array, exclusion: float | None = None) -> 
         rejected=rejected,
         rising=edge.rising,
         flank=corner.flank,
-        dropped=edge.map_to_profile(dropped),
+        dropped=edge.map_points_to_profile(dropped),
         noise=faces.noise,
     )
 
@@ -322,7 +322,7 @@ def _isolate_largest_edge(x: Array, height: Array) -> _IsolatedEdge:
     found = find_edges(x, z)
     chosen = max(range(len(found)), key=lambda index: abs(found[index].rise))
     edge = found[chosen]
-    points = _find_points_between(x, found, chosen)
+    points = _find_points_between_neighbours(x, found, chosen)
     if edge.rise > 0.0:
         return _IsolatedEdge(x[points], z[points], edge.position, rising=True, points=points)
     turned_x = -x[points][::-1]
@@ -330,13 +330,13 @@ def _isolate_largest_edge(x: Array, height: Array) -> _IsolatedEdge:
     return _IsolatedEdge(turned_x, turned_z, -edge.position, rising=False, points=points)
 
 
-def _find_points_between(x: Array, edges: list[FoundEdge], chosen: int) -> Mask:
+def _find_points_between_neighbours(x: Array, edges: list[FoundEdge], edge_index: int) -> Mask:
     """Return the points between the neighbours of an edge, which stand on no face of it."""
     points = np.ones(len(x), dtype=bool)
-    if chosen > 0:
-        points &= x > edges[chosen - 1].end
-    if chosen + 1 < len(edges):
-        points &= x < edges[chosen + 1].begin
+    if edge_index > 0:
+        points &= x > edges[edge_index - 1].end
+    if edge_index + 1 < len(edges):
+        points &= x < edges[edge_index + 1].begin
     return points
 
 
@@ -348,7 +348,7 @@ def _fit_faces_beside_rounding(edge: _IsolatedEdge) -> _Faces:
     to_nearer_end = min(edge.middle - edge.x[0], edge.x[-1] - edge.middle)
     least = min(_LEAST_EXCLUSION * edge.spacing, to_nearer_end / _LEAST_FACE_SHARE)
     faces = _fit_faces(edge, least)
-    wider = _WIDER * _find_rounding_width(edge, faces)
+    wider = _WIDER * _measure_rounding_width(edge, faces)
     if wider > least:
         return _fit_faces(edge, wider)
     return faces
@@ -398,10 +398,10 @@ def _fit_faces(edge: _IsolatedEdge, exclusion: float) -> _Faces:
     )
 
 
-def _refuse_step_within_noise(faces: _Faces, points: int) -> None:
+def _refuse_step_within_noise(faces: _Faces, point_count: int) -> None:
     """Refuse a step that is not well above its noise."""
     height = faces.planes.height
-    noise = max(height.std, faces.noise_std / np.sqrt(points))
+    noise = max(height.std, faces.noise_std / np.sqrt(point_count))
     if not height.value > _LEAST_STEP * noise:
         raise MetrologyError(
             f"profile must show a step above its noise, got {height.value * 1e6:.4g} um with "
@@ -409,9 +409,9 @@ def _refuse_step_within_noise(faces: _Faces, points: int) -> None:
         )
 
 
-def _refuse_many_spikes(faces: _Faces, spikes: Mask, near: Mask) -> None:
+def _refuse_many_spikes(faces: _Faces, spikes: Mask, near_edge: Mask) -> None:
     """Refuse an edge, or faces, of which too many points are spikes."""
-    share = float(spikes.sum()) / max(int(near.sum()), 1)
+    share = float(spikes.sum()) / max(int(near_edge.sum()), 1)
     if share > _MOST_DROPPED:
         raise MetrologyError(
             f"at most {_MOST_DROPPED:.0%} of the points at an edge may be spikes, got "
@@ -442,8 +442,8 @@ def _find_edge_spikes(edge: _IsolatedEdge, faces: _Faces) -> Mask:
     return spikes
 
 
-def _fit_corner(
-    x: Array, levelled: Array, spacing: float, faces: _Faces, points: NDArray[np.intp]
+def _fit_arc_or_flank(
+    x: Array, levelled: Array, spacing: float, faces: _Faces, point_indices: NDArray[np.intp]
 ) -> _Corner:
     """Fit an arc, or a flank with a corner, to the points at an edge.
 
@@ -451,12 +451,12 @@ def _fit_corner(
     """
     # a point is dropped where the circle fits the others by far better, as it does for a spike and
     # not for form
-    kept = points
+    kept = point_indices
     arc = _fit_arc_to_points(x, levelled, spacing, faces, kept)
-    flank = _find_better_flank(x[kept], levelled[kept], spacing, faces, arc)
+    flank = _fit_flank_if_better_than_arc(x[kept], levelled[kept], spacing, faces, arc)
     if flank is not None:
         return _Corner(arc, flank, 0)
-    least = max(len(points) - _MOST_ON_ARC, _LEAST_ON_ARC)
+    least = max(len(point_indices) - _MOST_ON_ARC, _LEAST_ON_ARC)
     while arc.excess > _SUSPECT and len(kept) > least:
         trials = [np.delete(kept, suspect) for suspect in arc.suspects]
         arcs = [_fit_arc_to_points(x, levelled, spacing, faces, trial) for trial in trials]
@@ -465,20 +465,20 @@ def _fit_corner(
             break
         arc = arcs[best]
         kept = trials[best]
-    return _Corner(arc, None, len(points) - len(kept))
+    return _Corner(arc, None, len(point_indices) - len(kept))
 
 
 def _fit_arc_to_points(
-    x: Array, levelled: Array, spacing: float, faces: _Faces, points: NDArray[np.intp]
+    x: Array, levelled: Array, spacing: float, faces: _Faces, point_indices: NDArray[np.intp]
 ) -> Arc:
     """Fit an arc to some points of a profile, with what the planes leave open of their levels."""
-    u = x[points]
-    errors = faces.compute_covariance_root(u)
-    window = Window(u, levelled[points], faces.step_height, spacing, faces.bare, errors)
+    u = x[point_indices]
+    errors = faces.compute_level_covariance_root(u)
+    window = EdgeWindow(u, levelled[point_indices], faces.step_height, spacing, faces.bare, errors)
     return fit_arc(window)
 
 
-def _find_better_flank(
+def _fit_flank_if_better_than_arc(
     x: Array, levelled: Array, spacing: float, faces: _Faces, arc: Arc
 ) -> Flank | None:
     """Return the sloped flank of an edge, where the circle of a vertical one does not hold.
@@ -504,7 +504,7 @@ def _find_better_flank(
     return None
 
 
-def _find_rounding_width(edge: _IsolatedEdge, faces: _Faces) -> float:
+def _measure_rounding_width(edge: _IsolatedEdge, faces: _Faces) -> float:
     """Return the distance from the riser to the last point that lies clearly off its own face [m].
 
     The rounding ends where ten points in a row, on both sides together, lie on their faces again.

@@ -66,7 +66,7 @@ class _CostGrid:
     risers: Array  # shape (p,); m
     costs: Array  # shape (r, p); 1
 
-    def find_best(self) -> tuple[float, float]:
+    def find_best_radius_and_riser(self) -> tuple[float, float]:
         """Return radius and riser of the least misfit [m].
 
         Of places that are as likely it is the first, whatever the last bits say.
@@ -100,7 +100,7 @@ def compute_edge_profile(position: Array, riser: float, height: float, radius: f
     return np.where(position < riser, 0.0, np.maximum(arc, 0.0))
 
 
-class Window:
+class EdgeWindow:
     """Levelled points at an edge, and the misfit of the ideal edge to them.
 
     Parameters
@@ -109,9 +109,9 @@ class Window:
         Positions and heights over the lower face [m].
     height, spacing : float
         Step and sampling interval [m].
-    gamma : array, shape (lags,)
+    noise_autocovariance : array, shape (lags,)
         Autocovariance of the noise [m^2].
-    shared : array, shape (m, n)
+    level_covariance_root : array, shape (m, n)
         Rows whose products add up to the covariance of the levels [m^2].
 
     Raises
@@ -126,8 +126,8 @@ class Window:
         levelled: Array,
         height: float,
         spacing: float,
-        gamma: Array,
-        shared: Array,
+        noise_autocovariance: Array,
+        level_covariance_root: Array,
     ) -> None:
         """Take levelled points and their noise."""
         if len(position) < _LEAST_POINTS:
@@ -139,20 +139,26 @@ class Window:
         self.z = levelled[::thin]
         self.height = height
         self.spacing = spacing
-        self.whitening = self._compute_whitening(gamma, shared[:, ::thin])
-        self.crossing = self._find_crossing()
+        self.whitening = self._compute_whitening_matrix(
+            noise_autocovariance, level_covariance_root[:, ::thin]
+        )
+        self.crossing = self._find_half_height_crossing()
 
-    def _compute_whitening(self, gamma: Array, shared: Array) -> Array:
+    def _compute_whitening_matrix(
+        self, noise_autocovariance: Array, level_covariance_root: Array
+    ) -> Array:
         """Return the inverse of the Cholesky factor of the covariance of the points [1/m]."""
         lags = np.rint((self.x - self.x[0]) / self.spacing).astype(int)
-        column = pad_autocovariance(gamma, int(lags[-1]) + 1)
-        variance = max(gamma[0], (_NUGGET_HEIGHT * self.height) ** 2)
+        column = pad_autocovariance(noise_autocovariance, int(lags[-1]) + 1)
+        variance = max(noise_autocovariance[0], (_NUGGET_HEIGHT * self.height) ** 2)
         column[0] = column[0] + _NUGGET * variance
-        covariance = toeplitz(column)[np.ix_(lags, lags)] + shared.T @ shared
+        covariance = (
+            toeplitz(column)[np.ix_(lags, lags)] + level_covariance_root.T @ level_covariance_root
+        )
         factor = cholesky(covariance, lower=True)
         return np.asarray(solve_triangular(factor, np.eye(len(covariance)), lower=True))
 
-    def _find_crossing(self) -> tuple[float, float]:
+    def _find_half_height_crossing(self) -> tuple[float, float]:
         """Return the last point below half the height and the first above [m].
 
         The fewest points lie on the wrong side of it: spikes may.
@@ -205,18 +211,18 @@ class Window:
         return costs.reshape(len(radii), -1)
 
 
-def fit_arc(window: Window) -> Arc:
+def fit_arc(window: EdgeWindow) -> Arc:
     """Radius of the edge in a window."""
     grid = _compute_posterior_grid(window)
-    radius, riser = grid.find_best()
+    radius, riser = grid.find_best_radius_and_riser()
     lowest = grid.costs.min()
     across = window.compute_residuals(np.array([riser]), np.array([radius]))[0]
     # where the edge is no circle, the posterior of a circle is too narrow: widen it by the excess
     # of its residuals
-    excess = _compute_excess(window, across, radius, riser)
+    excess = _compute_residual_excess_on_arc(window, across, radius, riser)
     weight = np.exp((lowest - grid.costs) / excess).sum(axis=1)
     weight /= weight.sum()
-    moments = _compute_moments(grid.radii, weight)
+    moments = _compute_weighted_moments(grid.radii, weight)
     std = moments.std
     limit = float(np.interp(0.95, np.cumsum(weight) - 0.5 * weight, grid.radii))
     if moments.mean < RESOLVED * window.spacing:
@@ -236,28 +242,30 @@ def fit_arc(window: Window) -> Arc:
     )
 
 
-def _compute_posterior_grid(window: Window) -> _CostGrid:
+def _compute_posterior_grid(window: EdgeWindow) -> _CostGrid:
     """Return the grid that resolves the posterior of an edge.
 
     It is that of unresolved edges, unless their mean or a larger radius with less misfit says that
     the edge is resolved.
     """
-    starts = _search_coarsely(window)
+    starts = _search_coarse_grid(window)
     grid = _compute_unresolved_grid(window)
     lowest = grid.costs.min()
-    mean = _compute_moments(grid.radii, np.exp(lowest - grid.costs).sum(axis=1)).mean
+    mean = _compute_weighted_moments(grid.radii, np.exp(lowest - grid.costs).sum(axis=1)).mean
     larger = [start.misfit for start in starts if start.radius > grid.radii[-1]]
     if mean >= RESOLVED * window.spacing or min(larger, default=np.inf) < lowest:
         return _refine_grid(window, _find_lowest_minimum(window, starts))
     return grid
 
 
-def _compute_excess(window: Window, across: Array, radius: float, riser: float) -> float:
+def _compute_residual_excess_on_arc(
+    window: EdgeWindow, residuals: Array, radius: float, riser: float
+) -> float:
     """Return the mean square of the whitened residuals on an arc, 1 at least [1].
 
-    `across` are the residuals across the surface of all points [m].
+    `residuals` are the residuals across the surface of all points [m].
     """
-    white = window.whitening @ across
+    white = window.whitening @ residuals
     begin = riser - 2.0 * window.spacing
     end = riser + max(radius, 4.0 * window.spacing)
     on_arc = (window.x > begin) & (window.x < end)
@@ -266,18 +274,18 @@ def _compute_excess(window: Window, across: Array, radius: float, riser: float) 
     return max(1.0, float(np.mean(white[on_arc] ** 2)))
 
 
-def _list_suspect_points(window: Window, across: Array, riser: float) -> tuple[int, ...]:
+def _list_suspect_points(window: EdgeWindow, residuals: Array, riser: float) -> tuple[int, ...]:
     """Return the points with the largest residuals, and the first on the arc.
 
     A spike low on the arc draws the circle to itself and leaves its residual to others.
     """
     first = int(np.searchsorted(window.x, riser))
-    leading = range(max(first - 1, 0), min(first + _SUSPECTS, len(across)))
-    farthest = np.argsort(-np.abs(across))[:_SUSPECTS]
+    leading = range(max(first - 1, 0), min(first + _SUSPECTS, len(residuals)))
+    farthest = np.argsort(-np.abs(residuals))[:_SUSPECTS]
     return tuple(sorted({*leading, *farthest.tolist()}))
 
 
-def _compute_unresolved_grid(window: Window) -> _CostGrid:
+def _compute_unresolved_grid(window: EdgeWindow) -> _CostGrid:
     """Compute costs over all radii and risers of an edge too sharp for the sampling.
 
     Many places are as likely there, so nothing is sought: a search would end in one or another of
@@ -296,7 +304,7 @@ def _compute_unresolved_grid(window: Window) -> _CostGrid:
     return _CostGrid(radii, risers, window.compute_cost_grid(risers, radii))
 
 
-def _search_coarsely(window: Window) -> list[_Start]:
+def _search_coarse_grid(window: EdgeWindow) -> list[_Start]:
     """Return misfits of a coarse grid of radii, with the best riser of each."""
     spacing = window.spacing
     last_below, first_above = window.crossing
@@ -315,20 +323,20 @@ def _search_coarsely(window: Window) -> list[_Start]:
     return [_Start(*values) for values in zip(*columns, strict=True)]
 
 
-def _find_lowest_minimum(window: Window, starts: list[_Start]) -> _Start:
+def _find_lowest_minimum(window: EdgeWindow, starts: list[_Start]) -> _Start:
     """Return the best radius and riser.
 
     The valleys of a coarse grid are followed downhill, since they are narrow and bent.
     """
     best = min(starts)
-    for start in _find_valleys(starts):
-        end = _follow_downhill(window, start)
+    for start in _find_lowest_valleys(starts):
+        end = _minimise_from_start(window, start)
         if end.misfit < best.misfit:
             best = end
     return best
 
 
-def _find_valleys(starts: list[_Start]) -> list[_Start]:
+def _find_lowest_valleys(starts: list[_Start]) -> list[_Start]:
     """Return those of the best starts that are lower than both neighbours, the lowest first.
 
     What lies on a slope leads to where its neighbour does; of flat ground the first counts.
@@ -343,7 +351,7 @@ def _find_valleys(starts: list[_Start]) -> list[_Start]:
     return [start for start in best if start in valleys]
 
 
-def _follow_downhill(window: Window, start: _Start) -> _Start:
+def _minimise_from_start(window: EdgeWindow, start: _Start) -> _Start:
     """Follow the misfit downhill from a start by the method of Nelder and Mead."""
     spacing = window.spacing
 
@@ -374,7 +382,7 @@ def _follow_downhill(window: Window, start: _Start) -> _Start:
     return _Start(float(end.fun), float(end.x[0]) * spacing, float(end.x[1]) * spacing)
 
 
-def _refine_grid(window: Window, best: _Start) -> _CostGrid:
+def _refine_grid(window: EdgeWindow, best: _Start) -> _CostGrid:
     """Compute costs on a grid that is narrowed until it resolves the posterior.
 
     It still holds all of it.
@@ -392,8 +400,8 @@ def _refine_grid(window: Window, best: _Start) -> _CostGrid:
         radius = float(radii[row])
         riser = float(risers[column])
         weight = np.exp(costs.min() - costs)
-        std_r = _compute_moments(radii, weight.sum(axis=1)).std
-        std_x = _compute_moments(risers, weight.sum(axis=0)).std
+        std_r = _compute_weighted_moments(radii, weight.sum(axis=1)).std
+        std_x = _compute_weighted_moments(risers, weight.sum(axis=0)).std
         resolves_radius = half_r <= 8.0 * std_r + spacing * 0.02
         resolves_riser = half_x <= 10.0 * std_x + spacing * 0.02
         if resolves_radius and resolves_riser:
@@ -403,8 +411,8 @@ def _refine_grid(window: Window, best: _Start) -> _CostGrid:
     return _CostGrid(radii, risers, costs)
 
 
-def _compute_moments(values: Array, weight: Array) -> _Moments:
+def _compute_weighted_moments(values: Array, weights: Array) -> _Moments:
     """Return mean and standard deviation of weighted values [m]."""
-    mean = float(np.average(values, weights=weight))
-    variance = np.average((values - mean) ** 2, weights=weight)
+    mean = float(np.average(values, weights=weights))
+    variance = np.average((values - mean) ** 2, weights=weights)
     return _Moments(mean, float(np.sqrt(variance)))

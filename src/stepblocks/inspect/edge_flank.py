@@ -42,20 +42,24 @@ class Flank:
         return self.radius + _ONE_SIDED_95 * self.radius_std
 
 
-def is_flank_of_surface(angle: float, std: float, cone: float | None) -> bool:
+def is_flank_of_surface(
+    flank_angle: float, angle_std: float, stylus_cone_angle: float | None
+) -> bool:
     """Tell whether a flank is that of the surface, and not that of the stylus or perhaps so.
 
-    `std` is the standard uncertainty of its `angle`, and `cone` the full angle of the stylus [rad],
-    None where it is not stated.
+    `angle_std` is the standard uncertainty of its `flank_angle`, and `stylus_cone_angle` the full
+    angle of the stylus [rad], None where it is not stated.
     """
-    slack = _NEAR + 2.0 * std
-    if cone is None:
-        return not _STEEPEST_OF_90_DEG - slack < angle < _STEEPEST_OF_60_DEG + slack
-    return bool(cone == 0.0 or angle < 0.5 * np.pi - 0.5 * cone - slack)
+    slack = _NEAR + 2.0 * angle_std
+    if stylus_cone_angle is None:
+        return not _STEEPEST_OF_90_DEG - slack < flank_angle < _STEEPEST_OF_60_DEG + slack
+    return bool(
+        stylus_cone_angle == 0.0 or flank_angle < 0.5 * np.pi - 0.5 * stylus_cone_angle - slack
+    )
 
 
 def fit_flank(
-    position: Array, levelled: Array, height: float, spacing: float, gamma: Array
+    position: Array, levelled: Array, height: float, spacing: float, noise_autocovariance: Array
 ) -> Flank | None:
     """Fit flank and corner to the upper three quarters of an edge.
 
@@ -65,7 +69,7 @@ def fit_flank(
         Positions and heights over the lower face [m].
     height, spacing : float
         Step and sampling interval [m].
-    gamma : array, shape (lags,)
+    noise_autocovariance : array, shape (lags,)
         Autocovariance of the noise of the faces [m^2]; errors of flank and radius go together
         through it.
 
@@ -81,24 +85,24 @@ def fit_flank(
     if not _LEAST_ANGLE < np.arctan(slope) < _STEEPEST:
         return None
     used = (position >= position[on_flank][0]) & (levelled > _FITTED_FROM * height)
-    variance = max(float(gamma[0]), (_LEAST_NOISE * height) ** 2)
+    variance = max(float(noise_autocovariance[0]), (_LEAST_NOISE * height) ** 2)
     model = _FlankModel(position[used], levelled[used], height, spacing, variance)
     place = (height - offset) / slope / spacing
     angle = float(np.arctan(slope))
-    found = model.fit(place, angle, model.levelled > 0.0)
-    upper = model.fit(place, angle, model.levelled > _UPPER_FROM * height)
+    found = model.fit_state(place, angle, model.levelled > 0.0)
+    upper = model.fit_state(place, angle, model.levelled > _UPPER_FROM * height)
     gain = np.linalg.pinv(found.jac * np.sqrt(variance))
     # what the model leaves counts as noise where it is more than that of the faces
     excess = 1.0
-    if gamma[0] > 0.0:
-        excess = max(1.0, float(np.mean(found.fun**2)) * variance / float(gamma[0]))
-    variances = np.diag(compute_estimator_covariance(gain, gamma)).clip(min=0.0)
+    if noise_autocovariance[0] > 0.0:
+        excess = max(1.0, float(np.mean(found.fun**2)) * variance / float(noise_autocovariance[0]))
+    variances = np.diag(compute_estimator_covariance(gain, noise_autocovariance)).clip(min=0.0)
     _, angle_std, radius_std = np.sqrt(excess * variances)
     # what the upper half alone says beyond noise is the form of a corner that is no arc, a
     # rectangle
     change = found.x[2] - upper.x[2]
     form = max(change**2 - 4.0 * float(radius_std) ** 2, 0.0) / 3.0
-    residuals = model.compute_shape(found.x) - model.levelled
+    residuals = model.compute_heights(found.x) - model.levelled
     return Flank(
         angle=float(found.x[1]),
         angle_std=float(angle_std),
@@ -123,7 +127,7 @@ class _FlankModel:
     spacing: float  # m
     variance: float  # of a point [m^2]
 
-    def compute_shape(self, state: Array) -> Array:
+    def compute_heights(self, state: Array) -> Array:
         """Return the heights of a state at the points [m]."""
         place = state[0] * self.spacing
         angle = state[1]
@@ -135,7 +139,9 @@ class _FlankModel:
         beside_flank = np.where(u < reach, arc, height)
         return np.where(u < -reach * np.cos(angle), height + u * np.tan(angle), beside_flank)
 
-    def fit(self, place: float, angle: float, points: Mask) -> OptimizeResult:
+    def fit_state(
+        self, start_place: float, start_angle: float, fitted_points: Mask
+    ) -> OptimizeResult:
         """Fit the state to some of the points, starting from a place and an angle.
 
         The corner starts from several radii, since one of few points has other minima.
@@ -143,14 +149,14 @@ class _FlankModel:
 
         def compute_residuals(state: Array) -> Array:
             """Return the residuals of a state over their noise, at the points."""
-            shape = self.compute_shape(state)
-            return np.asarray((shape - self.levelled)[points] / np.sqrt(self.variance))
+            shape = self.compute_heights(state)
+            return np.asarray((shape - self.levelled)[fitted_points] / np.sqrt(self.variance))
 
         lowest = [-np.inf, _LEAST_ANGLE, 0.0]
         highest = [np.inf, _STEEPEST, _LARGEST_CORNER * self.height / self.spacing]
         trials = []
         for share in _CORNERS:
-            start = [place, angle, share * self.height / self.spacing]
+            start = [start_place, start_angle, share * self.height / self.spacing]
             trials.append(
                 least_squares(
                     compute_residuals,

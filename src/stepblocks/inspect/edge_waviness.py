@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stepblocks.inspect.filtering import FaceLine, compute_mean_line, continue_face, is_wavy
+from stepblocks.inspect.filtering import FaceLine, compute_mean_line, extrapolate_face_line, is_wavy
 from stepblocks.inspect.noise import Array, estimate_autocovariance
 
 _MOST_PLACES = 40  # of a face, at which it is tried how well it is continued
@@ -29,7 +29,7 @@ class WavyFaces:
     # lower face and of the upper one at the edge
     errors: Array
 
-    def compute_heights(self, x: Array) -> Array:
+    def compute_heights_over_planes(self, x: Array) -> Array:
         """Return how high the wavy faces lie over the two planes at positions [m]."""
         distance = x - self.middle
         is_upper = distance > 0.0
@@ -37,7 +37,7 @@ class WavyFaces:
             is_upper, self.upper.compute_heights(distance), self.lower.compute_heights(distance)
         )
 
-    def compute_covariance_root(self, x: Array) -> Array:
+    def compute_level_covariance_root(self, x: Array) -> Array:
         """Return rows whose products add up to the covariance of the levels, shape (4, n) [m]."""
         distance = x - self.middle
         is_upper = distance > 0.0
@@ -80,7 +80,7 @@ def find_wavy_faces(
         root = _estimate_continuation_errors(outward, height[known], exclusion)
         if root is None:
             return None
-        line = continue_face(outward, height[known])
+        line = extrapolate_face_line(outward, height[known])
         lines.append(FaceLine(line.level, sign * line.slope))
         errors.append(root * np.array([1.0, sign]))
         # what varies over less than a few windows of the edge: level and slope at the edge do not
@@ -93,7 +93,7 @@ def find_wavy_faces(
     return WavyFaces(middle, lower, upper, estimate_autocovariance(rough), rows)
 
 
-def _estimate_continuation_errors(distance: Array, height: Array, gap: float) -> Array | None:
+def _estimate_continuation_errors(distance: Array, height: Array, gap_width: float) -> Array | None:
     """Estimate the errors of continuing a face across a gap [m].
 
     `distance` and `height`, shape (n,), are those of its points from the edge [m]. Returned are
@@ -103,16 +103,16 @@ def _estimate_continuation_errors(distance: Array, height: Array, gap: float) ->
     order = np.argsort(distance)
     distance = distance[order]
     height = height[order]
-    last = distance[-1] - 2.0 * gap
+    last = distance[-1] - 2.0 * gap_width
     places = np.linspace(distance[0], last, _MOST_PLACES)
     misses = []
     for place in places[places <= last]:
         beyond = distance - place
-        in_gap = (beyond >= 0.0) & (beyond <= gap)
-        behind = beyond > gap
+        in_gap = (beyond >= 0.0) & (beyond <= gap_width)
+        behind = beyond > gap_width
         if in_gap.sum() < _LEAST_IN_GAP or behind.sum() < _LEAST_IN_GAP:
             continue
-        line = continue_face(beyond[behind], height[behind])
+        line = extrapolate_face_line(beyond[behind], height[behind])
         off = height[in_gap] - line.compute_heights(beyond[in_gap])
         slope, level = np.polyfit(beyond[in_gap], off, 1)
         misses.append((level, slope))

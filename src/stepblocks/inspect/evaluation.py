@@ -114,15 +114,15 @@ class EvaluationOptions:
     def __post_init__(self) -> None:
         radius = self.stylus_radius
         if radius is not None and not 0.0 <= radius <= _LARGEST_STYLUS:
-            _refuse("stylus radius must be from 0 to 10 mm", radius, "length")
+            _raise_broken_rule("stylus radius must be from 0 to 10 mm", radius, "length")
         cone = self.stylus_cone
         if cone is not None and not 0.0 <= cone < math.pi:
-            _refuse("stylus cone must be at least 0 and below 180 deg", cone, "angle")
+            _raise_broken_rule("stylus cone must be at least 0 and below 180 deg", cone, "angle")
         if self.exclusion is not None and not self.exclusion >= 0.0:
-            _refuse("exclusion must not be negative", self.exclusion, "length")
+            _raise_broken_rule("exclusion must not be negative", self.exclusion, "length")
 
 
-def _refuse(rule: str, value: float, dimension: str) -> NoReturn:
+def _raise_broken_rule(rule: str, value: float, dimension: str) -> NoReturn:
     """Raise that a value breaks a rule."""
     raise MetrologyError(f"{rule}, got {format_quantity(value, dimension)}")
 

@@ -37,7 +37,7 @@ def _measure_edge(
     return measure_edge(scan, instrument, options)
 
 
-def _measure_depth(
+def _measure_groove_or_ridge(
     scan: ScannedProfile | HeightMap,
     instrument: Instrument,
     asked: Characteristic,
@@ -95,7 +95,7 @@ class Evaluator:
     measure: Measure
     unfollowed: dict[str, str]  # options that it does not follow, with those of the command line
 
-    def list_unused_options(self, options: EvaluationOptions) -> list[str]:
+    def list_ignored_flags(self, options: EvaluationOptions) -> list[str]:
         """Return the options of the command line that are given and that it does not follow."""
         unused = []
         for name, flag in self.unfollowed.items():
@@ -107,7 +107,7 @@ class Evaluator:
 # by the key of the characteristic that a scan shows: a part that has one can be inspected
 EVALUATIONS = {
     "step_height": Evaluator(_measure_edge, _FLAT),
-    "groove_depth": Evaluator(_measure_depth, {}),
+    "groove_depth": Evaluator(_measure_groove_or_ridge, {}),
     "ridge_height": Evaluator(_measure_ridge, {}),
     "horizontal_discrepancy": Evaluator(_measure_margin, _EXCLUSION_AND_ALONG),
     "ball_radius": Evaluator(_measure_tip, _EXCLUSION_AND_ALONG),
@@ -163,7 +163,7 @@ _OF_STANDARDS = (ScannedFeature.DOTS, ScannedFeature.GROOVE, ScannedFeature.EDGE
 
 def refuse_unused_options(key: str, options: EvaluationOptions) -> None:
     """Refuse options that the evaluation of a characteristic would ignore."""
-    unused = EVALUATIONS[key].list_unused_options(options)
+    unused = EVALUATIONS[key].list_ignored_flags(options)
     if unused:
         raise PipelineError(
             f"an evaluation of {key.replace('_', ' ')} must leave out {', '.join(unused)}, which "
@@ -177,7 +177,7 @@ def evaluate_scan(
     instrument: Instrument,
     asked: Characteristic,
     options: EvaluationOptions,
-    features: Sequence[ScannedFeature] = _OF_STANDARDS,
+    alternative_features: Sequence[ScannedFeature] = _OF_STANDARDS,
 ) -> Evaluation:
     """Evaluate a scan by an instrument that resolves no less than one count of it.
 
@@ -190,7 +190,7 @@ def evaluate_scan(
     asked : Characteristic
         What the values are judged by.
     options : EvaluationOptions
-    features : sequence of ScannedFeature
+    alternative_features : sequence of ScannedFeature
         What else may be asked for.
 
     Returns
@@ -213,37 +213,39 @@ def evaluate_scan(
         raise UnlikeError(f"{error}{place}") from error
     except MetrologyError as error:
         message = str(error).removesuffix(place)
-        message += suggest_other_evaluation(key, scan, instrument, asked, options, features)
+        message += describe_alternative_evaluation(
+            key, scan, instrument, asked, options, alternative_features
+        )
         raise MetrologyError(f"{message}{place}") from error
 
 
-def suggest_other_evaluation(
+def describe_alternative_evaluation(
     key: str,
     scan: ScannedProfile | HeightMap,
     instrument: Instrument,
     asked: Characteristic,
     options: EvaluationOptions,
-    features: Sequence[ScannedFeature] = _OF_STANDARDS,
+    alternative_features: Sequence[ScannedFeature] = _OF_STANDARDS,
 ) -> str:
     """Say what may be tried with a scan that was refused, as the end of a message.
 
     Empty where it was no scan of an edge, a groove or dots, or nothing is known. Takes what
     `evaluate_scan` does.
     """
-    keys = [feature.key for feature in features]
+    keys = [feature.key for feature in alternative_features]
     if key not in keys:
         return ""
-    for feature in features:
+    for feature in alternative_features:
         if feature.key == key:
             continue
 
-        def evaluate_as_other(
+        def evaluate_as_other_feature(
             shown: ScannedProfile | HeightMap, other: str = feature.key
         ) -> Evaluation:
             """Evaluate a scan as another feature."""
             return EVALUATIONS[other].measure(shown, instrument, asked, options)
 
-        if evaluate_if_possible(evaluate_as_other, scan) is not None:
+        if evaluate_if_possible(evaluate_as_other_feature, scan) is not None:
             return f"; --feature {feature.value} measures it"
     if isinstance(scan, ScannedProfile):
         return ""

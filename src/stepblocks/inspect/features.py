@@ -73,7 +73,7 @@ class _Span:
     flanks: float  # half of the widths of its flanks together [m]
 
 
-def measure_features(
+def fit_significant_features(
     x: Array, z: Array, edges: list[FoundEdge], degree: int | None, exclusion: float | None
 ) -> Levels:
     """Fit all significant features of a profile.
@@ -100,7 +100,7 @@ def measure_features(
     """
     while edges:
         levels = fit_features(x, z, edges, degree, exclusion)
-        insignificant_ends = _list_insignificant_ends(levels)
+        insignificant_ends = _find_insignificant_edge_positions(levels)
         if not insignificant_ends:
             if levels.gain < BEAT:
                 raise MetrologyError(
@@ -114,7 +114,7 @@ def measure_features(
     )
 
 
-def _list_insignificant_ends(levels: Levels) -> set[float]:
+def _find_insignificant_edge_positions(levels: Levels) -> set[float]:
     """Return the places of the edges of features that are not significant [m]."""
     ends: set[float] = set()
     for feature in levels.features:
@@ -130,13 +130,13 @@ def fit_features(
     degree: int | None = None,
     exclusion: float | None = None,
 ) -> Levels:
-    """Fit all features between edges at once, as `measure_features` takes them."""
+    """Fit all features between edges at once, as `fit_significant_features` takes them."""
     degrees = DEGREES if degree is None else (degree,)
-    fits = _fit_polynomials(x, z, edges, degrees, exclusion)
-    chosen = _find_last_significant_degree(fits)
+    fits = _fit_polynomials_and_heights(x, z, edges, degrees, exclusion)
+    chosen = _choose_highest_significant_degree(fits)
     fit = fits[chosen]
     features = []
-    for number, span in enumerate(_pair_edges(edges), start=1):
+    for number, span in enumerate(_pair_edges_into_spans(edges), start=1):
         height = fit.estimate_term(chosen + number)
         features.append(Feature(span.begin, span.end, span.unseen, span.flanks, height))
     together = _estimate_correlation_length(fit)
@@ -154,7 +154,7 @@ def fit_features(
     )
 
 
-def _find_last_significant_degree(fits: dict[int, Fit]) -> int:
+def _choose_highest_significant_degree(fits: dict[int, Fit]) -> int:
     """Return the highest degree whose last term is significant; the lowest where none is."""
     lowest = min(fits)
     chosen = lowest
@@ -167,18 +167,18 @@ def _find_last_significant_degree(fits: dict[int, Fit]) -> int:
     return chosen
 
 
-def fit_heights(x: Array, z: Array, edges: Sequence[FoundEdge], degree: int) -> Array:
+def fit_feature_heights(x: Array, z: Array, edges: Sequence[FoundEdge], degree: int) -> Array:
     """Return heights of all features on a polynomial of this degree [m], without uncertainty."""
-    fit = _fit_polynomials(x, z, edges, (degree,), None)[degree]
+    fit = _fit_polynomials_and_heights(x, z, edges, (degree,), None)[degree]
     return fit.solution[degree + 1 :]
 
 
-def _fit_polynomials(
+def _fit_polynomials_and_heights(
     x: Array, z: Array, edges: Sequence[FoundEdge], degrees: Sequence[int], exclusion: float | None
 ) -> dict[int, Fit]:
     """Fit polynomials and heights, by the degree, as far as the points determine them."""
-    used = _find_points_beside_edges(x, z, edges, exclusion)
-    spans = _pair_edges(edges)
+    used = _mark_points_beside_edges(x, z, edges, exclusion)
+    spans = _pair_edges_into_spans(edges)
     _refuse_unmeasured_features(x, z, spans)
     steps = np.array([(x > span.begin) & (x < span.end) for span in spans], dtype=np.float64)
     points_of_features = (used & (steps > 0.5)).sum(axis=1)
@@ -217,7 +217,7 @@ def _refuse_unmeasured_features(x: Array, z: Array, spans: Sequence[_Span]) -> N
             )
 
 
-def _find_points_beside_edges(
+def _mark_points_beside_edges(
     x: Array, z: Array, edges: Sequence[FoundEdge], exclusion: float | None
 ) -> Mask:
     """Return the measured points that lie on no flank, or beyond the exclusion [m] of all edges."""
@@ -241,26 +241,30 @@ def _estimate_correlation_length(fit: Fit) -> float:
     return 1.0
 
 
-def _compute_likelihood_gain(t: Array, z: Array, fit: Fit, terms: int, together: float) -> float:
+def _compute_likelihood_gain(
+    scaled_positions: Array, heights: Array, fit: Fit, term_count: int, correlation_length: float
+) -> float:
     """Return twice the gain in log-likelihood of a fit on a smooth curve of as many parameters.
 
-    `t`, shape (n,), are positions from -1 to 1 [1], `terms` the number of cosines of the curve, and
-    `together` that of the points that are not independent.
+    `scaled_positions`, shape (n,), are positions from -1 to 1 [1], `term_count` the number of
+    cosines of the curve, and `correlation_length` that of the points that are not independent.
     """
     kept = fit.used
-    curves = [t]
-    for k in range(terms):
-        curves.append(np.cos(0.5 * np.pi * k * (t + 1.0)))
+    curves = [scaled_positions]
+    for k in range(term_count):
+        curves.append(np.cos(0.5 * np.pi * k * (scaled_positions + 1.0)))
     smooth = np.stack(curves)
-    solution = np.linalg.lstsq(smooth[:, kept].T, z[kept], rcond=None)[0]
-    beside_smooth = z - solution @ smooth
+    solution = np.linalg.lstsq(smooth[:, kept].T, heights[kept], rcond=None)[0]
+    beside_smooth = heights - solution @ smooth
     floor = LEAST_SCATTER**2 * kept.sum()
     squares_of_smooth = float(np.sum(beside_smooth[kept] ** 2)) + floor
     squares_of_fit = float(np.sum(fit.residuals[kept] ** 2)) + floor
-    return float(kept.sum()) / together * float(np.log(squares_of_smooth / squares_of_fit))
+    return (
+        float(kept.sum()) / correlation_length * float(np.log(squares_of_smooth / squares_of_fit))
+    )
 
 
-def _pair_edges(edges: Sequence[FoundEdge]) -> list[_Span]:
+def _pair_edges_into_spans(edges: Sequence[FoundEdge]) -> list[_Span]:
     """Join two edges of opposite sign and like size to a ridge or groove; others are single steps.
 
     A single step has half of the width of its flank.
@@ -269,7 +273,7 @@ def _pair_edges(edges: Sequence[FoundEdge]) -> list[_Span]:
     waiting = list(edges)
     while waiting:
         first = waiting.pop(0)
-        if not waiting or not _are_pair(first, waiting[0]):
+        if not waiting or not _are_edges_of_one_feature(first, waiting[0]):
             half_flank = 0.5 * (first.end - first.begin)
             spans.append(_Span(first.position, np.inf, first.unseen, half_flank))
             continue
@@ -281,7 +285,7 @@ def _pair_edges(edges: Sequence[FoundEdge]) -> list[_Span]:
     return spans
 
 
-def _are_pair(first: FoundEdge, second: FoundEdge) -> bool:
+def _are_edges_of_one_feature(first: FoundEdge, second: FoundEdge) -> bool:
     """Tell whether two edges are those of one ridge or groove."""
     larger = max(abs(first.rise), abs(second.rise))
     return abs(first.rise + second.rise) < PAIR * larger

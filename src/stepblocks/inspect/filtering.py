@@ -66,7 +66,7 @@ def compute_mean_line(height: Array, known: Mask, spacing: float, cutoff: float)
 
     Missing points have no weight; `spacing` and `cutoff` are in metres.
     """
-    return _filter_along(height, known, [spacing], cutoff).height
+    return _apply_gaussian_long_pass(height, known, [spacing], cutoff).height
 
 
 def is_wavy(height: Array, spacing: float) -> bool:
@@ -82,7 +82,7 @@ def is_wavy(height: Array, spacing: float) -> bool:
     return float(np.mean(waves**2)) > least
 
 
-def continue_face(distance: Array, height: Array) -> FaceLine:
+def extrapolate_face_line(distance: Array, height: Array) -> FaceLine:
     """Continue a face behind its end by a line with the weights of the Gaussian filter.
 
     Parameters
@@ -127,9 +127,9 @@ def find_waviness(height: Array, known: Mask, spacings: tuple[float, float]) -> 
     """
     cutoff = choose_face_cutoff(spacings)
     steps = list(spacings)
-    waves = _filter_along(height, known, steps, cutoff)
-    half = _filter_along(height, known, steps, 0.5 * cutoff)
-    quarter = _filter_along(height, known, steps, 0.25 * cutoff)
+    waves = _apply_gaussian_long_pass(height, known, steps, cutoff)
+    half = _apply_gaussian_long_pass(height, known, steps, 0.5 * cutoff)
+    quarter = _apply_gaussian_long_pass(height, known, steps, 0.25 * cutoff)
     # noise is as strong at long waves as below the cut-off; waviness is not
     band = float(np.mean((quarter.height - half.height)[known] ** 2))
     noise = _PASSED_OF_BAND * band
@@ -153,7 +153,9 @@ class _Filtered:
     weight: Array  # of the points within reach, over that of a single one [1]
 
 
-def _filter_along(height: Array, known: Mask, spacings: list[float], cutoff: float) -> _Filtered:
+def _apply_gaussian_long_pass(
+    height: Array, known: Mask, spacings: list[float], cutoff: float
+) -> _Filtered:
     """Return heights through the Gaussian long-pass filter, axis by axis.
 
     `spacings` are the sampling intervals along the axes, as `cutoff` in metres.

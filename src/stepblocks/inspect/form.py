@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.filtering import WavySurface, find_waviness
 from stepblocks.inspect.levelling import fit_without_spikes
-from stepblocks.inspect.noise import Array, Estimate, Mask, estimate_linear
+from stepblocks.inspect.noise import Array, Estimate, Mask, make_linear_estimate
 
 # largest total degree of the form [1]; lower along a side with fewer than four points per degree
 _MOST_DEGREE = 3
@@ -66,7 +66,7 @@ def _select_face_points(points: Array) -> Array:
     if points.ndim != 2 or points.shape[1] != 3:
         raise MetrologyError(f"points must be rows of x, y, z, got shape {points.shape}")
     cloud = points[np.isfinite(points).all(axis=1)]
-    if len(cloud) < _LEAST_OF_PLANE or _lie_on_line(cloud):
+    if len(cloud) < _LEAST_OF_PLANE or _are_points_collinear(cloud):
         raise MetrologyError(
             f"points must span a face: at least {_LEAST_OF_PLANE} that are not on one line, got "
             f"{len(cloud)}"
@@ -74,9 +74,9 @@ def _select_face_points(points: Array) -> Array:
     return cloud
 
 
-def _lie_on_line(cloud: Array) -> bool:
+def _are_points_collinear(points: Array) -> bool:
     """Tell whether points of shape (n, 3) lie on one line as seen along z."""
-    places = cloud[:, :2] - cloud[:, :2].mean(axis=0)
+    places = points[:, :2] - points[:, :2].mean(axis=0)
     return bool(np.linalg.matrix_rank(places, tol=1e-12) < 2)
 
 
@@ -93,7 +93,7 @@ def _find_minimum_zone(cloud: Array) -> _Zone:
     spread = float(np.ptp(residual))
     height = 0.0
     if spread > _LEAST_RESIDUAL:
-        change, half_height = _solve_minimum_zone(design, residual / spread)
+        change, half_height = _solve_plane_change_and_half_width(design, residual / spread)
         plane = plane + change * spread
         height = 2.0 * half_height * spread
     upward = np.array([*(-plane[:2] / scale), 1.0])
@@ -101,7 +101,7 @@ def _find_minimum_zone(cloud: Array) -> _Zone:
     return _Zone(height / length, upward / length)
 
 
-def _solve_minimum_zone(design: Array, residual: Array) -> tuple[Array, float]:
+def _solve_plane_change_and_half_width(design: Array, residual: Array) -> tuple[Array, float]:
     """Return the change of a plane that makes the largest residual least, and that residual [1].
 
     `design`, shape (n, 3), are the terms of the plane at points whose `residual`, shape (n,),
@@ -156,9 +156,9 @@ class FaceForm:
         """Whether its waviness is judged beside the polynomial."""
         return np.ndim(self.waviness) > 0
 
-    def compute_points(self, added: Array | float = 0.0) -> Array:
-        """Return form and waviness as points [m], with `added` [m] on the coefficients."""
-        height = (self.solution + added) @ self.columns + self.waviness
+    def compute_form_points(self, coefficient_change: Array | float = 0.0) -> Array:
+        """Return form and waviness as points [m], after a change of the coefficients [m]."""
+        height = (self.solution + coefficient_change) @ self.columns + self.waviness
         return np.column_stack([self.grid, height])
 
     def draw_coefficient_noise(self, random: np.random.Generator) -> list[Array]:
@@ -199,7 +199,7 @@ class _FaceSide:
         """Return all positions, -1 to 1 over the face [1]."""
         return (self.positions - self.middle) / self.half_length
 
-    def find_first_at_or_after(self, places: Array) -> NDArray[np.intp]:
+    def find_first_indices_at_or_after(self, places: Array) -> NDArray[np.intp]:
         """Return the indices of the first positions at or after places [m]."""
         return np.searchsorted(self.positions, places).clip(0, len(self.positions) - 1)
 
@@ -248,7 +248,7 @@ def fit_face(x: Array, y: Array, height: Array, face: Mask) -> FaceForm:
         )
     along_x = _FaceSide(x, x[columns[0]], x[columns[-1]], len(columns))
     along_y = _FaceSide(y, y[rows[0]], y[rows[-1]], len(rows))
-    powers = _list_powers(along_x.highest_degree, along_y.highest_degree)
+    powers = _list_term_degrees(along_x.highest_degree, along_y.highest_degree)
     design = _evaluate_legendre_terms(
         along_x.compute_scaled_positions()[np.newaxis, :],
         along_y.compute_scaled_positions()[:, np.newaxis],
@@ -260,11 +260,13 @@ def fit_face(x: Array, y: Array, height: Array, face: Mask) -> FaceForm:
     count = float(kept.sum())
     # for terms that vary little over the correlation length, the covariance is that of white noise
     # times one factor
-    waves = find_waviness(residuals, kept, (_compute_step(y), _compute_step(x)))
+    waves = find_waviness(
+        residuals, kept, (_compute_sampling_interval(y), _compute_sampling_interval(x))
+    )
     noise = residuals
     if waves is not None:
         noise = residuals - waves.height  # which is judged beside the polynomial
-    mean = estimate_linear(0.0, kept / count, noise, kept, design)
+    mean = make_linear_estimate(0.0, kept / count, noise, kept, design)
     # not by eigenvectors, whose signs hang on the last bit: the draws would
     root = np.linalg.cholesky(fit.weights @ fit.weights.T).T * (mean.std * np.sqrt(count))
     mesh_x, mesh_y = np.meshgrid(x, y)
@@ -278,18 +280,18 @@ def fit_face(x: Array, y: Array, height: Array, face: Mask) -> FaceForm:
         dof=mean.dof,
         degree=degree,
     )
-    judged = _sample_on_grid(form, face, along_x, along_y, powers)
+    judged = _sample_form_on_grid(form, face, along_x, along_y, powers)
     if waves is None:
         return judged
     return _add_wave_extremes(judged, waves, along_x, along_y, design)
 
 
-def _compute_step(positions: Array) -> float:
+def _compute_sampling_interval(positions: Array) -> float:
     """Return the sampling interval of positions, shape (n,) [m]."""
     return float((positions[-1] - positions[0]) / (len(positions) - 1))
 
 
-def _sample_on_grid(
+def _sample_form_on_grid(
     form: FaceForm, face: Mask, along_x: _FaceSide, along_y: _FaceSide, powers: list[_Powers]
 ) -> FaceForm:
     """Return the form of a face, shape (ny, nx), sampled on a grid within the face."""
@@ -300,7 +302,8 @@ def _sample_on_grid(
     grid = middles + np.array([along_x.half_length, along_y.half_length]) * scaled
     # of a face that does not fill its rectangle, as in a turned map, only where it lies
     inside = face[
-        along_y.find_first_at_or_after(grid[:, 1]), along_x.find_first_at_or_after(grid[:, 0])
+        along_y.find_first_indices_at_or_after(grid[:, 1]),
+        along_x.find_first_indices_at_or_after(grid[:, 0]),
     ]
     scaled = scaled[inside]
     columns = _evaluate_legendre_terms(scaled[:, 0], scaled[:, 1], powers)
@@ -340,7 +343,7 @@ def _add_wave_extremes(
     )
 
 
-def _list_powers(degree_x: int, degree_y: int) -> list[_Powers]:
+def _list_term_degrees(degree_x: int, degree_y: int) -> list[_Powers]:
     """Return the terms of a form whose total degree is that of the side that carries more."""
     total = max(degree_x, degree_y)
     powers = []
@@ -384,13 +387,13 @@ def estimate_zone(measure_zone: Callable[..., float], *faces: FaceForm) -> Estim
     draws_of_faces, points, peaks, dofs = [], [], [], []
     for face in faces:
         draws_of_faces.append(face.draw_coefficient_noise(random))
-        points.append(face.compute_points())
+        points.append(face.compute_form_points())
         peaks.append(face.peaks)
         dofs.append(face.dof)
     draws = list(zip(*draws_of_faces, strict=True))
     scale_once, scale_twice = _SCALES
-    once = _compute_drawn_zones(measure_zone, faces, draws, scale_once)
-    twice = _compute_drawn_zones(measure_zone, faces, draws, scale_twice)
+    once = _compute_zones_with_drawn_noise(measure_zone, faces, draws, scale_once)
+    twice = _compute_zones_with_drawn_noise(measure_zone, faces, draws, scale_twice)
     zone = float(measure_zone(*points))
     first_growth = float(once.mean()) - zone
     second_growth = float(twice.mean() - once.mean())
@@ -402,20 +405,20 @@ def estimate_zone(measure_zone: Callable[..., float], *faces: FaceForm) -> Estim
     return Estimate(zone - growth, std, min(dofs))
 
 
-def _compute_drawn_zones(
+def _compute_zones_with_drawn_noise(
     measure_zone: Callable[..., float],
     faces: tuple[FaceForm, ...],
     draws: list[tuple[Array, ...]],
-    scale: float,
+    noise_scale: float,
 ) -> Array:
-    """Return the zone of faces [m] for each draw of noise on their coefficients, times `scale`.
+    """Return the zone of faces [m] for each draw of noise on their coefficients.
 
-    The shape is (draws,).
+    The shape is (draws,); the noise is multiplied by `noise_scale`.
     """
     zones = []
     for draw in draws:
         shapes = []
         for face, noise in zip(faces, draw, strict=True):
-            shapes.append(face.compute_points(scale * noise))
+            shapes.append(face.compute_form_points(noise_scale * noise))
         zones.append(measure_zone(*shapes))
     return np.array(zones)

@@ -9,11 +9,16 @@ import numpy as np
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.attempts import Evaluated, evaluate_if_possible
 from stepblocks.inspect.evaluation import EvaluationOptions, Window
-from stepblocks.inspect.features import Feature, Levels, fit_heights, measure_features
+from stepblocks.inspect.features import (
+    Feature,
+    Levels,
+    fit_feature_heights,
+    fit_significant_features,
+)
 from stepblocks.inspect.found_edges import FoundEdge, find_edges
 from stepblocks.inspect.levelling import LEAST_FACE
 from stepblocks.inspect.noise import Array, Estimate, Mask
-from stepblocks.inspect.type_a1 import A1Kind, Span, TypeA1, evaluate_a1, find_apex
+from stepblocks.inspect.type_a1 import A1Kind, Span, TypeA1, estimate_apex_height, evaluate_type_a1
 from stepblocks.scans.scan import ScannedProfile
 
 _FITS = 2.0  # scatter about type A1 over that about a polynomial, up to which type A1 is taken [1]
@@ -109,19 +114,19 @@ class MeasuredProfile:
         """Height of each feature [m]."""
         return [measured.feature.height.value for measured in self.features]
 
-    def keep_nearest(self, places: Array) -> "MeasuredProfile":
+    def keep_nearest_features(self, positions: Array) -> "MeasuredProfile":
         """Keep the feature nearest to each place [m]; all where there are no more than places."""
-        if len(self.features) <= len(places):
+        if len(self.features) <= len(positions):
             return self
         begins = np.array([span.begin for span in self.spans])
         nearest = set()
-        for place in places:
+        for place in positions:
             nearest.add(int(np.argmin(abs(begins - place))))
         kept = [self.features[index] for index in sorted(nearest)]
         return replace(self, features=tuple(kept))
 
 
-def measure_profile(
+def measure_profile_features(
     options: EvaluationOptions, crossing: Evaluated[ScannedProfile, list[FoundEdge]]
 ) -> MeasuredProfile:
     """Measure all features of a profile, each by what its windows allow.
@@ -148,9 +153,9 @@ def measure_profile(
     x = crossing.item.position
     z = crossing.item.height
     levels = _measure_with_hidden_features(x, z, crossing.result, options)
-    chosen = _choose_features(levels, options)
-    other_heights = _evaluate_alternatives(x, z, levels, options)
-    extent = _measure_extent(x, z)
+    chosen = _choose_feature_indices(levels, options)
+    other_heights = _fit_alternative_heights(x, z, levels, options)
+    extent = _compute_detrended_height_range(x, z)
     features = []
     for index in chosen:
         feature = levels.features[index]
@@ -176,7 +181,7 @@ def _measure_with_hidden_features(
     x: Array, z: Array, edges: list[FoundEdge], options: EvaluationOptions
 ) -> Levels:
     """Measure the features between edges, and those that their fit left out as spikes."""
-    measure = partial(_measure_between, x, z, options)
+    measure = partial(_fit_features_between_edges, x, z, options)
     levels = measure(edges)
     for _ in range(_MOST_HIDDEN):
         hidden = _find_hidden_edges(x, z, levels)
@@ -190,16 +195,16 @@ def _measure_with_hidden_features(
     return levels
 
 
-def _measure_between(
+def _fit_features_between_edges(
     x: Array, z: Array, options: EvaluationOptions, edges: list[FoundEdge]
 ) -> Levels:
     """Measure the features between edges as the options say."""
-    return measure_features(x, z, edges, options.degree, options.exclusion)
+    return fit_significant_features(x, z, edges, options.degree, options.exclusion)
 
 
 def _find_hidden_edges(x: Array, z: Array, levels: Levels) -> list[FoundEdge]:
     """Find edges that the fit of much larger features left out as if they were spikes."""
-    beside = _find_points_beside_features(x, z, levels)
+    beside = _mark_points_beside_features(x, z, levels)
     padded = np.concatenate([[0], beside & ~levels.used, [0]]).astype(int)
     ends = np.flatnonzero(np.diff(padded))
     run_lengths = ends[1::2] - ends[::2]
@@ -209,7 +214,7 @@ def _find_hidden_edges(x: Array, z: Array, levels: Levels) -> list[FoundEdge]:
     return evaluate_if_possible(partial(find_edges, x), residuals) or []
 
 
-def _find_points_beside_features(x: Array, z: Array, levels: Levels) -> Mask:
+def _mark_points_beside_features(x: Array, z: Array, levels: Levels) -> Mask:
     """Return the measured points away from edges and domed tops, which hide no edges."""
     beside = np.isfinite(z)
     step = float(x[1] - x[0])
@@ -221,12 +226,12 @@ def _find_points_beside_features(x: Array, z: Array, levels: Levels) -> Mask:
             continue
         span = Span(feature.begin, feature.end)
         residuals = z - levels.level
-        if find_apex(x, residuals, feature.height.value, span, _WIDER_APEX) is not None:
+        if estimate_apex_height(x, residuals, feature.height.value, span, _WIDER_APEX) is not None:
             beside &= (x < feature.begin) | (x > feature.end)
     return beside
 
 
-def _choose_features(levels: Levels, options: EvaluationOptions) -> list[int]:
+def _choose_feature_indices(levels: Levels, options: EvaluationOptions) -> list[int]:
     """Return the indices of the features that the options name; all by default."""
     chosen = []
     for index in range(len(levels.features)):
@@ -239,14 +244,14 @@ def _choose_features(levels: Levels, options: EvaluationOptions) -> list[int]:
     return chosen
 
 
-def _measure_extent(x: Array, z: Array) -> float:
+def _compute_detrended_height_range(x: Array, z: Array) -> float:
     """Return the range of the heights of a profile over a line through them [m]."""
     known = np.isfinite(z)
     line = np.polynomial.Polynomial.fit(x[known], z[known], 1)
     return float(np.ptp(z[known] - line(x[known])))
 
 
-def _evaluate_alternatives(
+def _fit_alternative_heights(
     x: Array, z: Array, levels: Levels, options: EvaluationOptions
 ) -> list[Array]:
     """Return heights by the next polynomial, and with more kept out at the edges [m].
@@ -258,10 +263,10 @@ def _evaluate_alternatives(
     if options.degree is not None:
         next_degree = same_degree = options.degree
     by_next = evaluate_if_possible(
-        lambda degree: fit_heights(x, z, levels.edges, degree), next_degree
+        lambda degree: fit_feature_heights(x, z, levels.edges, degree), next_degree
     )
     by_wider = evaluate_if_possible(
-        lambda edges: fit_heights(x, z, edges, same_degree), _widen_flanks(x, levels)
+        lambda edges: fit_feature_heights(x, z, edges, same_degree), _widen_flanks(x, levels)
     )
     return [heights for heights in (by_next, by_wider) if heights is not None]
 
@@ -280,25 +285,29 @@ def _measure_feature(
     z: Array,
     levels: Levels,
     feature: Feature,
-    changes: tuple[float, ...],
+    height_changes: tuple[float, ...],
     options: EvaluationOptions,
 ) -> MeasuredFeature:
     """Measure a feature by what its windows allow.
 
-    `changes` are those of its height by other polynomials and edges [m]; they count where it is
-    measured by the polynomial alone.
+    `height_changes` are those of its height by other polynomials and edges [m]; they count where
+    it is measured by the polynomial alone.
     """
     is_free = options.degree is None and options.exclusion is None
-    by_windows = _evaluate_by_windows(x, z, levels, feature) if is_free else None
+    by_windows = _evaluate_type_a1_if_better(x, z, levels, feature) if is_free else None
     if by_windows is not None:
         return _make_type_a1_feature(feature, by_windows, levels.degree)
     if not feature.is_single_step:
-        on_dome = _measure_dome(x, z, levels, feature)
+        on_dome = _measure_feature_to_apex(x, z, levels, feature)
         if on_dome is not None:
             return on_dome
-    _refuse_faces_not_level(x, z, levels, feature)
+    _refuse_uneven_faces(x, z, levels, feature)
     return MeasuredFeature(
-        feature, changes, Method(MethodKind.POLYNOMIAL, levels.degree), windows=(), outliers=0
+        feature,
+        height_changes,
+        Method(MethodKind.POLYNOMIAL, levels.degree),
+        windows=(),
+        outliers=0,
     )
 
 
@@ -320,16 +329,18 @@ def _make_type_a1_feature(feature: Feature, found: TypeA1, degree: int) -> Measu
     )
 
 
-def _measure_dome(x: Array, z: Array, levels: Levels, feature: Feature) -> MeasuredFeature | None:
+def _measure_feature_to_apex(
+    x: Array, z: Array, levels: Levels, feature: Feature
+) -> MeasuredFeature | None:
     """Measure a feature to the apex of its domed top; None where the top is not domed."""
     residuals = z - levels.level
     height = feature.height
     span = Span(feature.begin, feature.end)
-    apex = find_apex(x, residuals, height.value, span, _APEX)
+    apex = estimate_apex_height(x, residuals, height.value, span, _APEX)
     if apex is None:
         return None
     change = 0.0
-    wider = find_apex(x, residuals, height.value, span, _WIDER_APEX)
+    wider = estimate_apex_height(x, residuals, height.value, span, _WIDER_APEX)
     if wider is not None:
         change = wider.value - apex.value
     to_apex = Estimate(height.value + apex.value, height.std + apex.std, apex.dof)
@@ -342,14 +353,16 @@ def _measure_dome(x: Array, z: Array, levels: Levels, feature: Feature) -> Measu
     )
 
 
-def _evaluate_by_windows(x: Array, z: Array, levels: Levels, feature: Feature) -> TypeA1 | None:
+def _evaluate_type_a1_if_better(
+    x: Array, z: Array, levels: Levels, feature: Feature
+) -> TypeA1 | None:
     """Return type A1 or A2 of a feature.
 
     None where its windows do not fit, or where a bow lets the polynomial fit the same points
     better.
     """
     span = Span(feature.begin, feature.end)
-    found = evaluate_if_possible(partial(evaluate_a1, x, z), span)
+    found = evaluate_if_possible(partial(evaluate_type_a1, x, z), span)
     if found is None:
         return None
     in_windows = np.zeros(x.shape, dtype=bool)
@@ -364,7 +377,7 @@ def _evaluate_by_windows(x: Array, z: Array, levels: Levels, feature: Feature) -
     return None
 
 
-def _refuse_faces_not_level(x: Array, z: Array, levels: Levels, feature: Feature) -> None:
+def _refuse_uneven_faces(x: Array, z: Array, levels: Levels, feature: Feature) -> None:
     """Refuse a step beside faces that are not level, since its height depends on the datum.
 
     `x` and `z`, shape (n,), are positions and heights of the profile [m].
@@ -376,7 +389,7 @@ def _refuse_faces_not_level(x: Array, z: Array, levels: Levels, feature: Feature
         )
     # what a profile with whole features cuts at its ends has less
     if all(shown.is_single_step for shown in levels.features):
-        _refuse_few_points_beside(x, z, levels, feature)
+        _refuse_few_face_points(x, z, levels, feature)
     height = abs(feature.height.value)
     residual = float(np.sqrt(np.mean((z - levels.level)[levels.used] ** 2)))
     face = float(levels.used.sum()) / (len(levels.edges) + 1)
@@ -389,7 +402,7 @@ def _refuse_faces_not_level(x: Array, z: Array, levels: Levels, feature: Feature
     _refuse_sawtooth(levels)
 
 
-def _refuse_few_points_beside(x: Array, z: Array, levels: Levels, feature: Feature) -> None:
+def _refuse_few_face_points(x: Array, z: Array, levels: Levels, feature: Feature) -> None:
     """Refuse a single step beside which half of the points of a face were left out."""
     # flanks that overlap may cross half of their heights in another order
     positions = [edge.position for edge in levels.edges]

@@ -17,9 +17,9 @@ from stepblocks.inspect.budget import (
     Measured,
     ScalePowers,
     Source,
-    add_instrument_components,
     average_profiles,
     list_tilt_components,
+    make_measured_with_instrument,
 )
 from stepblocks.inspect.dots import measure_dots
 from stepblocks.inspect.evaluation import (
@@ -30,17 +30,17 @@ from stepblocks.inspect.evaluation import (
     Window,
 )
 from stepblocks.inspect.found_edges import FoundEdge, find_edges
-from stepblocks.inspect.groove_profile import MeasuredProfile, ProfileKind, measure_profile
+from stepblocks.inspect.groove_profile import MeasuredProfile, ProfileKind, measure_profile_features
 from stepblocks.inspect.map_levels import is_periodic
-from stepblocks.inspect.masked_step import measure_masked
+from stepblocks.inspect.masked_step import evaluate_masked_step
 from stepblocks.inspect.noise import Array
 from stepblocks.inspect.notes import Note, NoteKind
 from stepblocks.inspect.profiles import (
     LEAST_SHARE,
     Crossings,
+    collect_numbered_features,
     keep_profiles_that_agree,
-    list_turned_scans,
-    number_features,
+    list_scan_directions,
     sample_profiles,
 )
 from stepblocks.scans.scan import HeightMap, ScannedProfile
@@ -120,7 +120,7 @@ def measure_groove(
     """
     asked = _Asked(instrument, options, key, sign)
     refusals = []
-    for evaluate in _list_evaluations(scan, asked):
+    for evaluate in _list_evaluation_functions(scan, asked):
         try:
             return evaluate()
         except UnlikeError:
@@ -130,32 +130,34 @@ def measure_groove(
     raise MetrologyError(refusals[0])
 
 
-def _list_evaluations(
+def _list_evaluation_functions(
     scan: ScannedProfile | HeightMap, asked: _Asked
 ) -> list[Callable[[], Evaluation]]:
     """Return the ways in which a scan can be evaluated, in the order in which they are tried."""
     ways: list[Callable[[], Evaluation]] = []
-    for directed in list_turned_scans(scan, asked.options.along):
-        ways.append(partial(_measure_by_rows, directed, asked))
+    for directed in list_scan_directions(scan, asked.options.along):
+        ways.append(partial(_measure_profile_by_profile, directed, asked))
     if isinstance(scan, HeightMap) and asked.allows_whole_map:
-        ways.append(partial(measure_masked, scan, asked.instrument, asked.options, asked.key))
+        ways.append(partial(evaluate_masked_step, scan, asked.instrument, asked.options, asked.key))
         if asked.key == "depth":  # of a standard: a hole is no groove of a block
             ways.append(partial(measure_dots, scan, asked.instrument, asked.options, asked.key))
     return ways
 
 
-def _measure_by_rows(scan: ScannedProfile | HeightMap, asked: _Asked) -> Evaluation:
+def _measure_profile_by_profile(scan: ScannedProfile | HeightMap, asked: _Asked) -> Evaluation:
     """Measure all features of each profile, and average those that the profiles agree on."""
     sampled = sample_profiles(scan, asked.options)
     rows = sampled.rows
     notes = sampled.notes
-    crossings = _find_crossings(rows)
-    measure = partial(measure_profile, asked.options)
+    crossings = _find_edges_of_profiles(rows)
+    measure = partial(measure_profile_features, asked.options)
     _refuse_disagreeing_profiles(crossings.evaluated, measure)
     most_refused = LEAST_SHARE * len(rows) - len(crossings.refusals)
-    measurements = _unwrap_profiles(evaluate_each(measure, crossings.evaluated, most_refused))
-    kind = _find_usual_kind(measurements.results)
-    alike = _select_usual_features(measurements.evaluated, kind)
+    measurements = _drop_edges_from_attempts(
+        evaluate_each(measure, crossings.evaluated, most_refused)
+    )
+    kind = _find_most_common_kind(measurements.results)
+    alike = _select_profiles_of_kind(measurements.evaluated, kind)
     crossing_others = 0
     for profile in measurements.results:
         if len(profile.features) > kind.features:
@@ -169,40 +171,42 @@ def _measure_by_rows(scan: ScannedProfile | HeightMap, asked: _Asked) -> Evaluat
             )
         )
     attempts = Attempts(alike, crossings.refusals + measurements.refusals)
-    kept = keep_profiles_that_agree(attempts, _collect_crossings(alike, kind), rows, notes)
+    kept = keep_profiles_that_agree(attempts, _collect_feature_crossings(alike, kind), rows, notes)
     profiles = list_results(kept)
     spans = np.array([profile.spans for profile in profiles])
     is_single_step = not np.isfinite(spans).all()  # steps have neither width nor pitch
     if is_single_step:
         _refuse_periodic_map(scan)
-    slope = _find_slope(kept)
+    slope = _estimate_usual_slope(kept)
     features = _average_each_feature(profiles, kind.features, slope, asked)
     if not is_single_step:
-        _refuse_wrong_side(profiles, asked)
-    average = partial(_average_features, asked.label, features, asked.instrument)
-    values = number_features(asked.key, features, average, notes)
+        _refuse_wrong_feature_sign(profiles, asked)
+    average = partial(_average_over_features, asked.label, features, asked.instrument)
+    values = collect_numbered_features(asked.key, features, average, notes)
     if not is_single_step and kind.features == 1:
         spacing = kept[0].item.spacing
         name = "feature_width"
         if asked.sign:
             name = f"{asked.key.split('_')[0]}_width"
-        values[name] = _measure_width(profiles, spans, spacing, features[0].value, asked)
-    _note_spikes(profiles, notes)
+        values[name] = _average_feature_width(profiles, spans, spacing, features[0].value, asked)
+    _add_spike_note(profiles, notes)
     return Evaluation(
         values=values,
         convention=_describe_convention(kind),
         notes=tuple(notes),
-        shown=_build_shown(kept[0]),
+        shown=_build_shown_profile(kept[0]),
     )
 
 
-def _find_crossings(rows: list[ScannedProfile]) -> Attempts[ScannedProfile, list[FoundEdge]]:
+def _find_edges_of_profiles(
+    profiles: list[ScannedProfile],
+) -> Attempts[ScannedProfile, list[FoundEdge]]:
     """Find the edges of each profile; refused where most cross none."""
-    crossings = evaluate_each(lambda row: find_edges(row.position, row.height), rows)
+    crossings = evaluate_each(lambda row: find_edges(row.position, row.height), profiles)
     crossing = len(crossings.evaluated)
-    if len(rows) > 1 and len(crossings.refusals) > crossing:
+    if len(profiles) > 1 and len(crossings.refusals) > crossing:
         raise MetrologyError(
-            f"{_RULE}, got {crossing} of {len(rows)} that cross any, others since "
+            f"{_RULE}, got {crossing} of {len(profiles)} that cross any, others since "
             f"{crossings.refusals[0]}"
         )
     return crossings
@@ -220,7 +224,7 @@ def _refuse_disagreeing_profiles(
         raise MetrologyError(f"{_RULE}, got less than {_LEAST_ALIKE} of {len(few)} alike")
 
 
-def _unwrap_profiles(
+def _drop_edges_from_attempts(
     attempts: Attempts[Crossing, MeasuredProfile],
 ) -> Attempts[ScannedProfile, MeasuredProfile]:
     """Return measured profiles with the profiles themselves, without their edges."""
@@ -228,14 +232,16 @@ def _unwrap_profiles(
     return Attempts(evaluated, attempts.refusals)
 
 
-def _find_usual_kind(profiles: list[MeasuredProfile]) -> ProfileKind:
+def _find_most_common_kind(profiles: list[MeasuredProfile]) -> ProfileKind:
     """Return how many features most profiles show, and how they were evaluated."""
     kinds = [profile.kind for profile in profiles]
     in_order = sorted(set(kinds), key=lambda kind: (kind.features, kind.method))
     return max(in_order, key=kinds.count, default=ProfileKind(0, "", is_masked=False))
 
 
-def _select_usual_features(measurements: list[Measurement], kind: ProfileKind) -> list[Measurement]:
+def _select_profiles_of_kind(
+    measurements: list[Measurement], kind: ProfileKind
+) -> list[Measurement]:
     """Return the profiles of a kind, without what they cross beside their usual features."""
     usual = []
     for measurement in measurements:
@@ -246,13 +252,13 @@ def _select_usual_features(measurements: list[Measurement], kind: ProfileKind) -
     places = np.median(np.array(usual)[..., 0], axis=0)
     selected = []
     for measurement in measurements:
-        profile = measurement.result.keep_nearest(places)
+        profile = measurement.result.keep_nearest_features(places)
         if profile.kind == kind:
             selected.append(Evaluated(measurement.item, profile))
     return selected
 
 
-def _collect_crossings(measurements: list[Measurement], kind: ProfileKind) -> Crossings:
+def _collect_feature_crossings(measurements: list[Measurement], kind: ProfileKind) -> Crossings:
     """Collect the heights and places of the features of profiles of a kind."""
     profiles = list_results(measurements)
     shape = (len(profiles), kind.features)
@@ -276,10 +282,10 @@ def _refuse_periodic_map(scan: ScannedProfile | HeightMap) -> None:
         )
 
 
-def _find_slope(kept: list[Measurement]) -> float:
+def _estimate_usual_slope(measurements: list[Measurement]) -> float:
     """Find the usual slope [1] of what was fitted to profiles: that of most pairs of points."""
     slopes = []
-    for measurement in kept:
+    for measurement in measurements:
         rises = np.diff(measurement.result.fitted) / np.diff(measurement.item.position)
         known = rises[np.isfinite(rises)]
         if len(known) > 0:
@@ -288,35 +294,35 @@ def _find_slope(kept: list[Measurement]) -> float:
 
 
 def _average_each_feature(
-    profiles: list[MeasuredProfile], count: int, slope: float, asked: _Asked
+    profiles: list[MeasuredProfile], feature_count: int, face_slope: float, asked: _Asked
 ) -> list[Measured]:
     """Average the height of each feature over the profiles, whose faces have a slope [1]."""
     averages = []
-    for index in range(count):
+    for index in range(feature_count):
         heights = []
         for profile in profiles:
             height = profile.features[index].feature.height
             heights.append(replace(height, value=abs(height.value)))
         form = Component(
             Source.FORM,
-            _estimate_form(profiles, index),
+            _estimate_form_uncertainty(profiles, index),
             how="change by other windows or levelling, rectangular",
         )
         name = asked.label
-        if count > 1:
+        if feature_count > 1:
             name = f"{asked.label} {index + 1}"
         mean_height = float(np.mean([estimate.value for estimate in heights]))
-        components = [form, *list_tilt_components(mean_height, slope)]
+        components = [form, *list_tilt_components(mean_height, face_slope)]
         averages.append(average_profiles(name, heights, asked.instrument, components))
     return averages
 
 
-def _estimate_form(profiles: list[MeasuredProfile], index: int) -> float:
+def _estimate_form_uncertainty(profiles: list[MeasuredProfile], feature_index: int) -> float:
     """Return the largest mean change of a height by another evaluation, as a rectangle [m].
 
     What noise alone changes is taken off.
     """
-    features = [profile.features[index] for profile in profiles]
+    features = [profile.features[feature_index] for profile in profiles]
     variances = [measured.feature.height.std**2 for measured in features]
     noise = float(np.mean(variances)) / len(profiles)
     changes_of_profiles = [measured.changes for measured in features]
@@ -328,14 +334,14 @@ def _estimate_form(profiles: list[MeasuredProfile], index: int) -> float:
     return float(np.sqrt(max(largest - 2.0 * noise, 0.0) / 3.0))
 
 
-def _find_side(profiles: list[MeasuredProfile]) -> float:
+def _determine_feature_sign(profiles: list[MeasuredProfile]) -> float:
     """Return -1 where most profiles show a groove first, 1 where they show a ridge first."""
     return float(np.median(np.sign([profile.heights[0] for profile in profiles])))
 
 
-def _refuse_wrong_side(profiles: list[MeasuredProfile], asked: _Asked) -> None:
+def _refuse_wrong_feature_sign(profiles: list[MeasuredProfile], asked: _Asked) -> None:
     """Refuse a ridge where a groove is required, and a groove where a ridge is."""
-    if not asked.sign or _find_side(profiles) == asked.sign:
+    if not asked.sign or _determine_feature_sign(profiles) == asked.sign:
         return
     wanted, seen = "ridge", "groove"
     if asked.sign < 0.0:
@@ -343,7 +349,9 @@ def _refuse_wrong_side(profiles: list[MeasuredProfile], asked: _Asked) -> None:
     raise UnlikeError(f"scan must show a {wanted}, got a {seen}: it is upside down, or beside it")
 
 
-def _average_features(label: str, features: list[Measured], instrument: Instrument) -> Measured:
+def _average_over_features(
+    label: str, features: list[Measured], instrument: Instrument
+) -> Measured:
     """Return the mean over features.
 
     Their scatter holds the noise of each; what the instrument owes is shared by all.
@@ -352,15 +360,15 @@ def _average_features(label: str, features: list[Measured], instrument: Instrume
     scatter = float(heights.std(ddof=1) / np.sqrt(len(features)))
     forms = []
     for feature in features:
-        forms += feature.list_stds(Source.FORM)
+        forms += feature.list_component_stds(Source.FORM)
     parts = [
         Component(Source.SCATTER, scatter, len(features) - 1.0, f"over {len(features)} features"),
         Component(Source.FORM, float(np.mean(forms)), how="mean of theirs"),
     ]
-    return add_instrument_components(f"{label}, mean", float(heights.mean()), parts, instrument)
+    return make_measured_with_instrument(f"{label}, mean", float(heights.mean()), parts, instrument)
 
 
-def _measure_width(
+def _average_feature_width(
     profiles: list[MeasuredProfile], spans: Array, spacing: float, depth: float, asked: _Asked
 ) -> Measured:
     """Average the width of one feature over the profiles, at half of its height.
@@ -386,16 +394,16 @@ def _measure_width(
         how = "half of what was not measured there, rectangular"
         parts.append(Component(Source.MISSING, unseen / np.sqrt(3.0), how=how))
     walls = _locate_walls_behind_stylus_flanks(flanks, depth, asked.options)
-    width = add_instrument_components(
+    width = make_measured_with_instrument(
         f"width W of the {asked.label.split()[0]}, at half its height",
         float(widths.mean()),
         parts,
         asked.instrument,
-        powers=_WIDTH_POWERS,
+        scale_powers=_WIDTH_POWERS,
     )
     return replace(
         width,
-        value=width.value - _find_side(profiles) * walls.inwards,
+        value=width.value - _determine_feature_sign(profiles) * walls.inwards,
         components=(*width.components, walls.component),
     )
 
@@ -409,22 +417,22 @@ class _Walls:
 
 
 def _locate_walls_behind_stylus_flanks(
-    flanks: float, depth: float, options: EvaluationOptions
+    half_flank_width: float, depth: float, options: EvaluationOptions
 ) -> _Walls:
     """Place the walls of a groove: a stylus shows an upright wall as a flank as wide as its cone.
 
-    `flanks` is half of both flanks' widths, and `depth` that of the groove [m].
+    `half_flank_width` is half of both flanks' widths, and `depth` that of the groove [m].
     """
     cone = options.stylus_cone
     tip = options.stylus_radius or 0.0
     if cone is None:  # an optical instrument shows the wall at half its height
         how = "half of their width"
-        return _Walls(0.0, Component(Source.FLANKS, flanks / np.sqrt(3.0), how=how))
+        return _Walls(0.0, Component(Source.FLANKS, half_flank_width / np.sqrt(3.0), how=how))
     # a flank wider than the cone shows it is that of the surface
     widest_shown = depth * np.tan(0.5 * cone) + 2.0 * tip
     shown = 0.0
-    if flanks < widest_shown:
-        shown = flanks
+    if half_flank_width < widest_shown:
+        shown = half_flank_width
     half = 0.5 * shown + _CONTACT * tip
     how = "W with the walls in the middle of what the stylus shows of them, rectangular"
     # an upright wall, the usual one, lies at the very end of the rectangle, which 95 % of it leave
@@ -432,7 +440,7 @@ def _locate_walls_behind_stylus_flanks(
     return _Walls(half, Component(Source.FLANKS, half / np.sqrt(3.0), how=how))
 
 
-def _note_spikes(profiles: list[MeasuredProfile], notes: list[Note]) -> None:
+def _add_spike_note(profiles: list[MeasuredProfile], notes: list[Note]) -> None:
     """Say how many points were left out as spikes, if any."""
     left_out = sum(profile.rejected for profile in profiles)
     if left_out:
@@ -447,7 +455,7 @@ def _describe_convention(kind: ProfileKind) -> str:
     return f"ISO 5436-1 {kind.method}, profile by profile, unfiltered"
 
 
-def _build_shown(measurement: Measurement) -> Shown:
+def _build_shown_profile(measurement: Measurement) -> Shown:
     """Return what a plot shows of a profile, levelled by the ends of what was fitted to it."""
     row = measurement.item
     profile = measurement.result

@@ -56,7 +56,7 @@ class DeclaredLayout:
         walls = tuple(Wall(-wall.place, wall.rise) for wall in self.walls)
         return replace(self, walls=walls, relief=None)
 
-    def find_wall(self, place: float, rise: float) -> int | None:
+    def find_wall_index(self, place: float, rise: float) -> int | None:
         """Return the index of the wall about a place that rises or falls so; None without one."""
         for index, wall in enumerate(self.walls):
             slack = max(_LEAST_SLACK, _SLACK * abs(wall.place))
@@ -65,32 +65,32 @@ class DeclaredLayout:
         return None
 
 
-def find_layout(characteristics: Iterable[Characteristic]) -> DeclaredLayout | None:
+def build_declared_layout(characteristics: Iterable[Characteristic]) -> DeclaredLayout | None:
     """Find the layout of a part in its characteristics; None of a part without a working edge."""
     sizes = {size.key: size.nominal for size in characteristics}
     step = sizes.get("step_height")
     if step is None:
         return None
-    return DeclaredLayout(step, _list_walls(sizes), _find_relief(sizes))
+    return DeclaredLayout(step, _list_walls(sizes), _build_relief(sizes))
 
 
-def _list_walls(sizes: Mapping[str, float]) -> tuple[Wall, ...]:
+def _list_walls(nominal_sizes: Mapping[str, float]) -> tuple[Wall, ...]:
     """List the walls of the groove or ridge among nominal sizes by key [m]."""
-    if {"groove_distance", "groove_width", "groove_depth"} <= set(sizes):
-        near = sizes["groove_distance"]
-        far = near + sizes["groove_width"]
-        depth = sizes["groove_depth"]
+    if {"groove_distance", "groove_width", "groove_depth"} <= set(nominal_sizes):
+        near = nominal_sizes["groove_distance"]
+        far = near + nominal_sizes["groove_width"]
+        depth = nominal_sizes["groove_depth"]
         return Wall(near, -depth), Wall(far, depth)
-    if {"ridge_distance", "ridge_width", "ridge_height"} <= set(sizes):
-        near = -sizes["ridge_distance"]
-        far = near - sizes["ridge_width"]
-        height = sizes["ridge_height"]
+    if {"ridge_distance", "ridge_width", "ridge_height"} <= set(nominal_sizes):
+        near = -nominal_sizes["ridge_distance"]
+        far = near - nominal_sizes["ridge_width"]
+        height = nominal_sizes["ridge_height"]
         return Wall(near, -height), Wall(far, height)
     return ()
 
 
-def _find_relief(sizes: Mapping[str, float]) -> DeclaredRelief | None:
+def _build_relief(nominal_sizes: Mapping[str, float]) -> DeclaredRelief | None:
     """Find the relief among nominal sizes by key [m]; None where the part has none."""
-    if "relief_width" not in sizes:
+    if "relief_width" not in nominal_sizes:
         return None
-    return DeclaredRelief(sizes["relief_width"], sizes["relief_depth"])
+    return DeclaredRelief(nominal_sizes["relief_width"], nominal_sizes["relief_depth"])

@@ -11,9 +11,9 @@ from stepblocks.inspect.noise import (
     Array,
     Estimate,
     Mask,
-    estimate_linear,
     estimate_robust_scale,
     find_outliers,
+    make_linear_estimate,
 )
 
 LEAST_FACE = 20  # points of a face or shoulder that is fitted
@@ -24,11 +24,13 @@ _STARTS = 5  # of a fit, each nearer to the least sum of distances
 _MOST_FITS = 5  # of a fit, each without the spikes of the one before
 
 
-def refuse_unusable_profile(x: Array, z: Array, least: int) -> None:
-    """Refuse a profile with fewer than `least` measured points, or without equal steps."""
+def refuse_unusable_profile(x: Array, z: Array, least_count: int) -> None:
+    """Refuse a profile with fewer than `least_count` measured points, or without equal steps."""
     count = int(np.isfinite(z).sum())
-    if count < least:
-        raise MetrologyError(f"profile must have at least {least} measured points, got {count}")
+    if count < least_count:
+        raise MetrologyError(
+            f"profile must have at least {least_count} measured points, got {count}"
+        )
     steps = np.diff(x)
     if not ((steps > 0.0).all() and np.ptp(steps) < _UNEVEN * np.mean(steps)):
         raise MetrologyError("positions of the profile must increase in equal steps within 1 %")
@@ -42,7 +44,7 @@ def filter_by_running_median(heights: Array) -> Array:
     return calm
 
 
-def solve_least_squares(design: Array, z: Array, used: Mask) -> tuple[Array, Array]:
+def solve_for_weights_and_coefficients(design: Array, z: Array, used: Mask) -> tuple[Array, Array]:
     """Return the weights of the points in a least-squares fit over those used, and its solution."""
     try:
         inverse = np.linalg.inv(design[:, used] @ design[:, used].T)
@@ -67,7 +69,7 @@ class Fit:
 
     def estimate_term(self, index: int, factor: float = 1.0) -> Estimate:
         """Return the term of an index of the solution, times a factor, with its uncertainty."""
-        return estimate_linear(
+        return make_linear_estimate(
             factor * float(self.solution[index]),
             factor * self.weights[index],
             self.residuals,
@@ -81,10 +83,10 @@ def fit_without_spikes(design: Array, z: Array, used: Mask) -> Fit:
 
     `used` are the points that are asked for.
     """
-    residuals = _fit_by_distances(design, z, used)
+    residuals = _compute_robust_residuals(design, z, used)
     kept = used & ~find_outliers(residuals, used)
     for _ in range(_MOST_FITS):
-        weights, solution = solve_least_squares(design, z, kept)
+        weights, solution = solve_for_weights_and_coefficients(design, z, kept)
         residuals = z - solution @ design
         spikes = find_outliers(residuals, kept)
         if not spikes.any():
@@ -93,7 +95,7 @@ def fit_without_spikes(design: Array, z: Array, used: Mask) -> Fit:
     return Fit(design, weights, solution, residuals, kept, int(used.sum()) - int(kept.sum()))
 
 
-def _fit_by_distances(design: Array, z: Array, used: Mask) -> Array:
+def _compute_robust_residuals(design: Array, z: Array, used: Mask) -> Array:
     """Return residuals of a fit by distances instead of squares, shape (n,) [m].
 
     So neither spikes nor stray points pull at it: far points are weighted by one over their
@@ -101,7 +103,7 @@ def _fit_by_distances(design: Array, z: Array, used: Mask) -> Array:
     """
     root = np.ones(len(z))
     for _ in range(_STARTS):
-        _, solution = solve_least_squares(design * root, z * root, used)
+        _, solution = solve_for_weights_and_coefficients(design * root, z * root, used)
         residuals = z - solution @ design
         scale = max(estimate_robust_scale(residuals[used]), LEAST_SCATTER)
         root = np.maximum(np.abs(residuals) / scale, 1.0) ** -0.5

@@ -22,7 +22,12 @@ from stepblocks.files.layout import UNDECLARED
 from stepblocks.files.pages import render_page
 from stepblocks.files.tables import Table, write_table
 from stepblocks.files.text import escape_file_name
-from stepblocks.inspect.batch import MeasuredBatch, draw_charts, measure_batches, note_batches
+from stepblocks.inspect.batch import (
+    MeasuredBatch,
+    compute_batch_capabilities,
+    describe_batch_limitations,
+    draw_control_charts,
+)
 from stepblocks.inspect.budget import Measured
 from stepblocks.inspect.conformity import Outcome, combine_verdicts
 from stepblocks.inspect.evaluation import Extent
@@ -41,10 +46,10 @@ from stepblocks.inspect.scan_list import (
     FEATURE,
     PART,
     SCAN,
-    list_conditions,
+    list_condition_columns,
     tabulate_scans,
 )
-from stepblocks.inspect.size_tables import format_rows, split_sizes_by_unit
+from stepblocks.inspect.size_tables import format_table_rows, split_sizes_by_unit
 from stepblocks.records.laboratory import Laboratory
 
 _BLOCKS, _VARIATION, _SCANS = "blocks", "variation", "scans"
@@ -91,7 +96,7 @@ class ManyScans:
         """
         shown: dict[str, Sequence[Mapping[str, object]]] = {}
         for name, table in self.tables.items():
-            rows = format_rows(table)
+            rows = format_table_rows(table)
             if rows:
                 shown[name] = rows
         return shown
@@ -125,7 +130,7 @@ class _InspectedScan:
         """Serial number of the block."""
         return str(self.line[BLOCK])
 
-    def list_readings(self) -> list[dict[Hashable, Any]]:
+    def list_reading_rows(self) -> list[dict[Hashable, Any]]:
         """Return a line of the table of readings for each characteristic with limits."""
         verdicts = {}
         for judgement in self.result.judged:
@@ -154,16 +159,16 @@ class _InspectedScans:
     scans: list[_InspectedScan] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)
 
-    def list_readings(self) -> list[dict[Hashable, Any]]:
+    def list_reading_rows(self) -> list[dict[Hashable, Any]]:
         """Return the lines of the table of readings."""
         readings = []
         for scan in self.scans:
-            readings += scan.list_readings()
+            readings += scan.list_reading_rows()
         return readings
 
-    def find_results(self, block: str) -> list[InspectionResult]:
+    def list_results_of_block(self, block_serial: str) -> list[InspectionResult]:
         """Return the results of a block."""
-        return [scan.result for scan in self.scans if scan.block_serial == block]
+        return [scan.result for scan in self.scans if scan.block_serial == block_serial]
 
 
 @dataclass(frozen=True)
@@ -220,26 +225,26 @@ def inspect_many(
         stimulus = "standard"
     layout = options.get("layout", UNDECLARED)
     listed = tabulate_scans(list(map(Path, paths)), stimulus, layout)
-    inspected = _inspect_each(listed, standard, options)
-    readings = inspected.list_readings()
+    inspected = _inspect_listed_scans(listed, standard, options)
+    readings = inspected.list_reading_rows()
     if not readings:
         raise MetrologyError(f"no scan can be evaluated: {inspected.left_out[0]}")
     table = pd.DataFrame(readings)
-    averages = _average_readings(table, list_conditions(listed))
+    averages = _average_readings(table, list_condition_columns(listed))
     reports = {}
     for block, values in averages.values.items():
-        reports[block] = _merge_reports(inspected.find_results(block), values)
+        reports[block] = _merge_block_results(inspected.list_results_of_block(block), values)
     verdict = combine_verdicts(report.verdict for report in reports.values())
     blocks = _list_block_rows(reports, averages)
     batches: list[MeasuredBatch] = []
     if standard is None:
-        batches = measure_batches(reports)
+        batches = compute_batch_capabilities(reports)
     tables = {
         _BLOCKS: split_sizes_by_unit(pd.DataFrame(blocks)),
         _VARIATION: split_sizes_by_unit(pd.DataFrame(averages.variation)),
     }
     if batches:
-        rows = [batch.make_row() for batch in batches]
+        rows = [batch.make_capability_row() for batch in batches]
         tables[_CAPABILITY] = split_sizes_by_unit(pd.DataFrame(rows))
     tables[_SCANS] = split_sizes_by_unit(table).drop(columns="measured")
     return ManyScans(
@@ -251,12 +256,12 @@ def inspect_many(
     )
 
 
-def _inspect_each(
-    listed: Table, standard: float | None, options: Mapping[str, Any]
+def _inspect_listed_scans(
+    scan_list: Table, standard: float | None, options: Mapping[str, Any]
 ) -> _InspectedScans:
     """Inspect each scan of a list; what cannot be evaluated is left out, with the reason."""
     inspected = _InspectedScans()
-    for line in listed.to_dict("records"):
+    for line in scan_list.to_dict("records"):
         asked = dict(options)
         if has_results_of_others(line[SCAN]):
             for name in _OF_SCANS:
@@ -295,13 +300,13 @@ def _average_readings(table: Table, conditions: list[str]) -> _Averages:
             }
         )
         for block, of_block in readings.groupby(BLOCK, sort=False):
-            average = _average_block(of_block, conditions, repeatability)
+            average = _average_block_readings(of_block, conditions, repeatability)
             averages.values.setdefault(str(block), {})[str(key)] = average
             averages.counts.setdefault(str(block), {})[str(key)] = len(of_block)
     return averages
 
 
-def _average_block(
+def _average_block_readings(
     readings: Table, conditions: list[str], repeatability: Repeatability
 ) -> Measured:
     """Average the readings of one characteristic of one block.
@@ -335,7 +340,7 @@ def _list_block_rows(
                     "bound": measured.bound.value,
                     "value": decision.value,
                     "u": decision.std,
-                    "u95": measured.expanded(),
+                    "u95": measured.compute_expanded_uncertainty(),
                     "lower": decision.lower,
                     "upper": decision.upper,
                     "verdict": decision.verdict.value,
@@ -344,8 +349,8 @@ def _list_block_rows(
     return lines
 
 
-def _merge_reports(
-    results: Sequence[InspectionResult], averaged: Mapping[str, Measured]
+def _merge_block_results(
+    results: Sequence[InspectionResult], averaged_values: Mapping[str, Measured]
 ) -> InspectionResult:
     """Return one report of a block from all that was measured of it, with averaged values."""
     first = _choose_shown_result(results)
@@ -368,7 +373,7 @@ def _merge_reports(
         notes += [note.prefix_source(source) for note in evaluation.notes]
     merged = replace(
         first.evaluation,
-        values=values | dict(averaged),
+        values=values | dict(averaged_values),
         convention="; ".join(conventions),
         notes=tuple(notes),
         missing=missing,
@@ -435,9 +440,9 @@ def write_many(
     if result.batches:
         batch_files = [base / "capability.csv", base / "control-charts.svg"]
         write_table(result.tables[_CAPABILITY], batch_files[0])
-        draw_charts(batch_files[1], result.batches)
+        draw_control_charts(batch_files[1], result.batches)
     pages = [path for path in written if path.suffix == ".html"]
-    _write_page(page, result, [*pages, *batch_files])
+    _write_overview_page(page, result, [*pages, *batch_files])
     return [table, page, *batch_files, *written]
 
 
@@ -452,11 +457,11 @@ def _fill_in_serial(laboratory: Laboratory | None, serial: str, identity: str) -
     return laboratory.model_copy(update={"serial": known or serial})
 
 
-def _write_page(path: Path, result: ManyScans, pages: list[Path]) -> None:
+def _write_overview_page(path: Path, result: ManyScans, pages: list[Path]) -> None:
     """Write the page with all tables and links to the pages of the blocks."""
     notes = [f"{serial}: {report.conclusion}" for serial, report in result.reports.items()]
     notes += [f"left out: {reason}" for reason in result.left_out]
-    notes += note_batches(result.reports, result.batches)
+    notes += describe_batch_limitations(result.reports, result.batches)
     links = [page.relative_to(path.parent).as_posix() for page in pages]
     page = render_page(
         "stepblocks.inspect",

@@ -57,7 +57,7 @@ def level_map(z: Array, reference: Mask, degree: int) -> Array:
     return np.asarray(z - np.tensordot(solution, design, 1))
 
 
-def find_bulk(z: Array, known: Mask) -> Mask:
+def find_bulk_points(z: Array, known: Mask) -> Mask:
     """Return the points at the height at which most of a map lies, once it is level."""
     bulk = known
     degree = 1
@@ -79,7 +79,7 @@ def level_rows(z: Array, reference: Mask) -> Array:
         level = z - float(np.median(z[reference]))
     lines = build_row_lines(reference)
     known = np.where(reference, level, 0.0)
-    return np.asarray(level - sum_lines(lines, reference * lines, known))
+    return np.asarray(level - sum_weighted_row_lines(lines, reference * lines, known))
 
 
 def build_row_lines(reference: Mask) -> Array:
@@ -95,7 +95,7 @@ def build_row_lines(reference: Mask) -> Array:
     return np.asarray(np.where(count >= LEAST_REFERENCE, lines / np.maximum(size, 1e-9), 0.0))
 
 
-def sum_lines(lines: Array, weights: Array, heights: Array) -> Array:
+def sum_weighted_row_lines(lines: Array, weights: Array, heights: Array) -> Array:
     """Return the sum of lines, each times the weighted heights of its row, shape (ny, nx) [m].
 
     `lines` and `weights` have the shape (2, ny, nx), heights (ny, nx).

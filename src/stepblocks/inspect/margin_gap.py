@@ -90,8 +90,8 @@ def fit_margin(x: Array, z: Array) -> Margin:
     spacing = float(np.diff(x).mean())
     roughness = float(np.std(planes.fit.residuals[planes.fit.used]))
     noise = np.hypot(
-        _compute_crossing_noise(left, roughness, spacing),
-        _compute_crossing_noise(right, roughness, spacing),
+        _compute_wall_position_noise(left, roughness, spacing),
+        _compute_wall_position_noise(right, roughness, spacing),
     )
     return Margin(
         opening=Estimate(right.position - left.position, float(noise), planes.height.dof),
@@ -167,27 +167,29 @@ def _find_walls(x: Array, level: Array, rise: float, gap: _Gap) -> tuple[_Wall, 
     left = slice(last_before, last_before + 2)
     right = slice(first_behind - 1, first_behind + 1)
     return (
-        _locate_wall(x[left], level[left], threshold, depth),
-        _locate_wall(x[right], level[right], threshold, depth),
+        _locate_wall_between_samples(x[left], level[left], threshold, depth),
+        _locate_wall_between_samples(x[right], level[right], threshold, depth),
     )
 
 
-def _locate_wall(x: Array, level: Array, threshold: float, depth: float) -> _Wall:
+def _locate_wall_between_samples(
+    x: Array, level: Array, threshold: float, gap_depth: float
+) -> _Wall:
     """Locate a wall between two samples [m].
 
     A jump of the whole depth leaves the interval open, a flank is interpolated.
     """
     jump = float(abs(level[1] - level[0]))
     middle = float(x.mean())
-    if not np.isfinite(jump / depth) or jump == 0.0:
+    if not np.isfinite(jump / gap_depth) or jump == 0.0:
         return _Wall(middle, 1.0, float("nan"))
-    unresolved = float(np.clip(2.0 * jump / depth - 1.0, 0.0, 1.0))
+    unresolved = float(np.clip(2.0 * jump / gap_depth - 1.0, 0.0, 1.0))
     crossing = float(x[0] + (threshold - level[0]) / (level[1] - level[0]) * (x[1] - x[0]))
     position = unresolved * middle + (1.0 - unresolved) * crossing
     return _Wall(position, unresolved, jump)
 
 
-def _compute_crossing_noise(wall: _Wall, roughness: float, spacing: float) -> float:
+def _compute_wall_position_noise(wall: _Wall, roughness: float, spacing: float) -> float:
     """Return what noise leaves open of the place of a wall [m]."""
     if np.isnan(wall.jump):
         return 0.0

@@ -11,25 +11,25 @@ from scipy import ndimage
 
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.attempts import evaluate_if_possible
-from stepblocks.inspect.budget import Component, Instrument, Source, add_instrument_components
+from stepblocks.inspect.budget import Component, Instrument, Source, make_measured_with_instrument
 from stepblocks.inspect.evaluation import Evaluation, EvaluationOptions, Shown
 from stepblocks.inspect.map_levels import (
     LEAST_REFERENCE,
     TURNS,
     build_row_lines,
-    find_bulk,
+    find_bulk_points,
     find_nearest_known,
     level_map,
     level_rows,
-    sum_lines,
+    sum_weighted_row_lines,
 )
 from stepblocks.inspect.noise import (
     Array,
     Estimate,
     Mask,
-    estimate_linear,
     estimate_robust_scale,
     find_outliers,
+    make_linear_estimate,
 )
 from stepblocks.inspect.notes import NoteKind
 from stepblocks.scans.scan import HeightMap
@@ -132,8 +132,8 @@ def measure_masked_step(
     pitch = min(scan.dx, scan.dy)
     if inside is None:
         # a missing point lies where its nearest neighbour does
-        inside = _find_features(scan)[find_nearest_known(measured)]
-    distances = _measure_edge_distances(inside, scan)
+        inside = _find_feature_points(scan)[find_nearest_known(measured)]
+    distances = _compute_edge_distances(inside, scan)
     if exclusion is None:
         level = level_map(z, (distances.outside > _CLEAR * pitch) & measured, 1)
         exclusion = _find_settling_distance(level, distances, pitch)
@@ -164,7 +164,7 @@ def measure_masked_step(
     scatter_of_means = float(np.std(means[numbers]))
     features = int(np.unique(numbers).size)
     return MaskedStep(
-        depth=_estimate_by_bands(rows.depths, rows.weights, depth, known),
+        depth=_estimate_depth_by_row_bands(rows.depths, rows.weights, depth, known),
         differ=scatter_of_means,
         exclusion=exclusion,
         rows=int(known.sum()),
@@ -176,7 +176,7 @@ def measure_masked_step(
     )
 
 
-def _measure_edge_distances(inside: Mask, scan: HeightMap) -> _EdgeDistances:
+def _compute_edge_distances(inside: Mask, scan: HeightMap) -> _EdgeDistances:
     """Measure how far each point lies from the edges of the features `inside`."""
     pitch = (scan.dy, scan.dx)
     return _EdgeDistances(
@@ -207,73 +207,84 @@ def _level_on_reference(z: Array, reference: Mask, source: str) -> _LevelledMap:
 
 
 def _measure_change_at_edges(
-    level: Array, measured: Mask, distances: _EdgeDistances, near: float, pitch: float
+    level: Array, measured: Mask, distances: _EdgeDistances, edge_distance: float, pitch: float
 ) -> float | None:
     """Return by how much heights change at the edges of the features [m].
 
-    Heights are those `near` the edges [m] on both sides, within a point; None where one side was
-    not measured.
+    Heights are those `edge_distance` the edges [m] on both sides, within a point; None where one
+    side was not measured.
     """
-    inner = level[(np.abs(distances.within - near) <= pitch) & measured]
-    outer = level[(np.abs(distances.outside - near) <= pitch) & measured]
+    inner = level[(np.abs(distances.within - edge_distance) <= pitch) & measured]
+    outer = level[(np.abs(distances.outside - edge_distance) <= pitch) & measured]
     if not inner.size or not outer.size:
         return None
     return float(np.median(outer) - np.median(inner))
 
 
-def _refuse_gradual_change(change: float | None, depth: float, near: float, source: str) -> None:
+def _refuse_gradual_change(
+    change: float | None, depth: float, edge_distance: float, source: str
+) -> None:
     """Refuse features whose heights do not change suddenly at their edges [all m]."""
     if change is None:
         raise MetrologyError(
-            f"heights must be measured {near * 1e6:.3g} um beside an edge, got none [{source}]"
+            f"heights must be measured {edge_distance * 1e6:.3g} um beside an edge, got none "
+            f"[{source}]"
         )
     jump = change / depth
     if not jump > _SUDDEN_CHANGE:
         raise MetrologyError(
             f"heights must change by {_SUDDEN_CHANGE:.0%} of a depth at its edges, got {jump:.0%} "
-            f"within {near * 1e6:.3g} um of an edge [{source}]"
+            f"within {edge_distance * 1e6:.3g} um of an edge [{source}]"
         )
 
 
-def _estimate_by_bands(depths: Array, shares: Array, depth: float, known: Mask) -> Estimate:
+def _estimate_depth_by_row_bands(
+    row_depths: Array, row_weights: Array, mean_depth: float, has_depth: Mask
+) -> Estimate:
     """Estimate the uncertainty of a depth [m] by its scatter over bands of rows.
 
     A band crosses the same features, so rows within it depend on one another. Bands whose variance
     goes as one over their share give ``sum(share deviation^2) / (bands - 1)`` without bias, with
     one degree of freedom less than bands. Of few bands the correlation of the rows tells.
     """
-    rows = np.flatnonzero(known)
+    rows = np.flatnonzero(has_depth)
     bands = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
     # a band that the map cuts to a sliver counts with its neighbour
-    shares_of_bands = [shares[band].sum() for band in bands]
+    shares_of_bands = [row_weights[band].sum() for band in bands]
     least = 0.5 * float(np.median(shares_of_bands))
-    if len(bands) > 1 and shares[bands[0]].sum() < least:
+    if len(bands) > 1 and row_weights[bands[0]].sum() < least:
         bands[:2] = [np.concatenate(bands[:2])]
-    if len(bands) > 1 and shares[bands[-1]].sum() < least:
+    if len(bands) > 1 and row_weights[bands[-1]].sum() < least:
         bands[-2:] = [np.concatenate(bands[-2:])]
     if len(bands) < _LEAST_BANDS:
-        return estimate_linear(depth, shares, depths - depth, known, np.ones((1, len(depths))))
+        return make_linear_estimate(
+            mean_depth,
+            row_weights,
+            row_depths - mean_depth,
+            has_depth,
+            np.ones((1, len(row_depths))),
+        )
     squares = []
     for band in bands:
-        deviation = np.sum(shares[band] * (depths[band] - depth))
-        squares.append(deviation**2 / np.sum(shares[band]))
+        deviation = np.sum(row_weights[band] * (row_depths[band] - mean_depth))
+        squares.append(deviation**2 / np.sum(row_weights[band]))
     std = float(np.sqrt(np.sum(squares) / (len(bands) - 1)))
-    return Estimate(depth, std, len(bands) - 1.0)
+    return Estimate(mean_depth, std, len(bands) - 1.0)
 
 
-def _find_features(scan: HeightMap) -> Mask:
+def _find_feature_points(scan: HeightMap) -> Mask:
     """Return the points of the level that covers less of a map, shape (ny, nx).
 
     The rows are levelled without it until it stays.
     """
     z = scan.height
     known = np.isfinite(z)
-    beside = find_bulk(z, known)
+    beside = find_bulk_points(z, known)
     inside = np.zeros(z.shape, dtype=bool)
     for _ in range(2 * TURNS):
         # a bow of the map is none of its features
         level = level_rows(level_map(z, beside, 2), beside)
-        low, high = _find_two_modes(level[known], scan.source)
+        low, high = _find_two_height_levels(level[known], scan.source)
         middle = 0.5 * (low + high)
         apart = high - low
         # what towers over a level by as much as it is away from the other is a third
@@ -287,7 +298,7 @@ def _find_features(scan: HeightMap) -> Mask:
     return inside
 
 
-def _find_two_modes(heights: Array, source: str) -> tuple[float, float]:
+def _find_two_height_levels(heights: Array, source: str) -> tuple[float, float]:
     """Return the lower and the higher of the heights at which most points gather [m].
 
     Refused, with the figure, where there is no gap between them.
@@ -356,13 +367,13 @@ def _fit_row_depths(z: Array, floor: Mask, reference: Mask) -> _RowDepths:
     used = (floor | reference) & enough[:, np.newaxis]
     lines = build_row_lines(used)
     # what a line does not explain of the floor, by which the depth alone goes
-    weights = used * (floor - sum_lines(lines, used * lines, floor.astype(float)))
+    weights = used * (floor - sum_weighted_row_lines(lines, used * lines, floor.astype(float)))
     scale = np.where(enough, (weights * floor).sum(axis=1), np.nan)
     depths = -(weights * np.where(used, z, 0.0)).sum(axis=1) / scale
     return _RowDepths(depths, np.where(enough, floor_points, 0.0))
 
 
-def measure_masked(
+def evaluate_masked_step(
     scan: HeightMap, instrument: Instrument, options: EvaluationOptions, key: str
 ) -> Evaluation:
     """Depth of the features of a map by two levels, with how they differ.
@@ -378,11 +389,11 @@ def measure_masked(
     )
     form = Component(
         Source.FORM,
-        _estimate_form(scan, step),
+        _estimate_form_uncertainty(scan, step),
         how="change with one and a half times the exclusion or its part, rectangular",
     )
     name = key.replace("_", " ")
-    value = add_instrument_components(name, abs(step.depth.value), [noise], instrument, [form])
+    value = make_measured_with_instrument(name, abs(step.depth.value), [noise], instrument, [form])
     note = NoteKind.SINGLE_FEATURE.make_note()
     if step.features > 1:
         note = NoteKind.FEATURES_DIFFER.make_note(differ=step.differ * 1e9)
@@ -396,19 +407,19 @@ def measure_masked(
     )
 
 
-def _estimate_form(scan: HeightMap, step: MaskedStep) -> float:
+def _estimate_form_uncertainty(scan: HeightMap, step: MaskedStep) -> float:
     """Return the change of a depth with another exclusion, as a rectangle [m]; NaN without one.
 
     Where a floor is too narrow for more to be kept out, it is compared with more of its flanks.
     """
 
-    def measure_again(exclusion: float) -> MaskedStep:
+    def measure_with_exclusion(exclusion: float) -> MaskedStep:
         """Measure the map again with an exclusion [m]."""
         return measure_masked_step(scan, exclusion, step.inside)
 
-    again = evaluate_if_possible(measure_again, _WIDER * step.exclusion)
+    again = evaluate_if_possible(measure_with_exclusion, _WIDER * step.exclusion)
     if again is None:
-        again = evaluate_if_possible(measure_again, step.exclusion / _WIDER)
+        again = evaluate_if_possible(measure_with_exclusion, step.exclusion / _WIDER)
     if again is None:
         return np.nan
     return float(abs(again.depth.value - step.depth.value) / np.sqrt(3.0))

@@ -62,7 +62,7 @@ def measure_margin(
     margins = list_results(kept)
     sampling = float(np.mean([margin.sampling for margin in margins]))
     values = {}
-    for key, discrepancy in _list_discrepancies(margins).items():
+    for key, discrepancy in _collect_discrepancies(margins).items():
         values[key] = _average_discrepancy(key, discrepancy, sampling, instrument)
     gap = values["vertical_discrepancy"]
     if options.stylus_radius != 0.0:
@@ -79,7 +79,7 @@ def measure_margin(
     )
 
 
-def _list_discrepancies(margins: list[Margin]) -> dict[str, _Discrepancy]:
+def _collect_discrepancies(margins: list[Margin]) -> dict[str, _Discrepancy]:
     """Return the sizes of margins by key."""
     openings, rises, absolutes, shares = [], [], [], []
     for margin in margins:
@@ -112,9 +112,9 @@ def measure_tip(
     scan: ScannedProfile | HeightMap,
     instrument: Instrument,
     options: EvaluationOptions = AS_FOUND,
-    nominal: float = 0.0,
+    nominal_radius: float = 0.0,
 ) -> Evaluation:
-    """Radius of a probe tip of about `nominal` [m].
+    """Radius of a probe tip of about `nominal_radius` [m].
 
     The scan is a height map that looks along the axis of the tip, or a profile over it.
 
@@ -130,8 +130,8 @@ def measure_tip(
         notes = sampled.notes
         scan = sampled.rows[0]
         through = "circle through the cap of the profile"
-    cap = fit_cap(scan, nominal)
-    form = _estimate_form_uncertainty_of_radius(scan, nominal, cap)
+    cap = fit_cap(scan, nominal_radius)
+    form = _estimate_form_uncertainty_of_radius(scan, nominal_radius, cap)
     radius = cap.radius
     if options.stylus_radius:
         radius = replace(radius, value=radius.value - options.stylus_radius)

@@ -73,10 +73,10 @@ class Refit:
     fewer: Estimate
 
 
-def estimate_refit_std(refits: Sequence[Refit], allowed: float) -> float:
+def estimate_refit_std(refits: Sequence[Refit], noise_allowance: float) -> float:
     """Estimate a standard uncertainty from how much a mean changes by a refit, a rectangle.
 
-    Only the change beyond `allowed` times what noise alone changes counts.
+    Only the change beyond `noise_allowance` times what noise alone changes counts.
     """
     if not refits:
         return 0.0
@@ -87,7 +87,7 @@ def estimate_refit_std(refits: Sequence[Refit], allowed: float) -> float:
         changes.append(refit.fewer.value - refit.all_points.value)
     noise = sum(growths) / len(refits) ** 2
     change = float(np.mean(changes))
-    return float(np.sqrt(max(change**2 - allowed**2 * noise, 0.0) / 3.0))
+    return float(np.sqrt(max(change**2 - noise_allowance**2 * noise, 0.0) / 3.0))
 
 
 def estimate_robust_scale(residuals: Array) -> float:
@@ -183,7 +183,7 @@ def factor_covariance(covariance: Array) -> Array:
     return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))).T, dtype=np.float64)
 
 
-def estimate_linear(
+def make_linear_estimate(
     value: float, weights: Array, residuals: Array, used: Mask, design: Array
 ) -> Estimate:
     """Return `value`, which is ``sum(weights * z)``, with its standard uncertainty.
@@ -221,45 +221,47 @@ def estimate_linear(
     white = float(correlation.flat[0] * noise.variance)
     tapered = correlation * noise.gamma * noise.taper
     variance = max(float(np.sum(tapered)), _LEAST_OF_WHITE * white)
-    lifted = _lift_autocovariance(noise, len(design) / count)
+    lifted = _restore_autocovariance(noise, len(design) / count)
     spectrum = np.maximum(grid.compute_spectrum(lifted * noise.taper).real, 0.0)
     pairs = noise.pairs
     quadratic = np.where(pairs > 0.0, correlation * noise.taper / np.maximum(pairs, 1.0), 0.0)
     form = grid.compute_spectrum(quadratic).real
-    traces = _compute_traces(grid, spectrum, form, pairs, inside, design)
+    traces = _compute_quadratic_form_traces(grid, spectrum, form, pairs, inside, design)
     true_variance = float(np.sum(correlation * grid.invert_spectrum(spectrum)))
     restored = _compute_restoring_factor(true_variance, traces.after_fit)
-    dof = _compute_dof(grid, form * spectrum, count, traces)
+    dof = _compute_variance_dof(grid, form * spectrum, count, traces)
     return Estimate(value, float(np.sqrt(variance * restored)), dof)
 
 
-def _lift_autocovariance(noise: "_NoiseByLag", share: float) -> Array:
+def _restore_autocovariance(noise: "_NoiseByLag", parameter_share: float) -> Array:
     """Return an autocovariance with what the fit has swallowed of it [m^2].
 
     Each column of the fit takes the mean power of one frequency, so every lag lies too low by the
-    same amount; `share` is the number of columns over that of the points [1].
+    same amount; `parameter_share` is the number of columns over that of the points [1].
     """
     power = float(np.sum(noise.gamma * noise.taper))
-    left = max(1.0 - share * float(noise.taper.sum()), _LEAST_LEFT)
-    return np.asarray(noise.gamma + share * power / left)
+    left = max(1.0 - parameter_share * float(noise.taper.sum()), _LEAST_LEFT)
+    return np.asarray(noise.gamma + parameter_share * power / left)
 
 
-def _compute_restoring_factor(true: float, seen: float) -> float:
+def _compute_restoring_factor(true_variance: float, seen_variance: float) -> float:
     """Return the factor that restores what the fit removed of a variance [1]."""
-    if seen > 0.0:
-        return min(max(true / seen, 1.0), _MOST_RESTORED)
+    if seen_variance > 0.0:
+        return min(max(true_variance / seen_variance, 1.0), _MOST_RESTORED)
     return _MOST_RESTORED
 
 
-def _compute_dof(grid: "_LagGrid", product: Array, count: float, traces: "_Traces") -> float:
+def _compute_variance_dof(
+    grid: "_LagGrid", spectrum_product: Array, count: float, traces: "_Traces"
+) -> float:
     """Return the degrees of freedom of a variance by Satterthwaite, 1 at least.
 
-    `product` is that of the spectra of the noise and of the quadratic form.
+    `spectrum_product` is that of the spectra of the noise and of the quadratic form.
     """
-    squares = grid.average_spectrum(product**2)
+    squares = grid.average_spectrum(spectrum_product**2)
     dof = float("inf")
     if squares > 0.0:
-        dof = count * grid.average_spectrum(product) ** 2 / squares
+        dof = count * grid.average_spectrum(spectrum_product) ** 2 / squares
     left = _LEAST_SEEN
     if traces.before_fit > 0.0:
         left = max(traces.after_fit / traces.before_fit, _LEAST_SEEN)
@@ -357,7 +359,7 @@ class _Traces:
     after_fit: float  # tr(M Q M Gamma), of what a fit leaves
 
 
-def _compute_traces(
+def _compute_quadratic_form_traces(
     grid: _LagGrid, spectrum: Array, form: Array, pairs: Array, inside: Array, design: Array
 ) -> _Traces:
     """Compute the expectations of a quadratic form from the spectra of the noise and of the form.
@@ -384,14 +386,16 @@ def _compute_traces(
     return _Traces(trace, trace - float(swallowed) + float(twice))
 
 
-def _convolve_columns(grid: _LagGrid, product: NDArray[np.complex128], inside: Array) -> Array:
+def _convolve_columns(
+    grid: _LagGrid, spectrum_product: NDArray[np.complex128], inside: Array
+) -> Array:
     """Return columns convolved with what has a spectrum, shape (k, points).
 
-    `product` is that of both spectra; what the padding added is cut off.
+    `spectrum_product` is that of both spectra; what the padding added is cut off.
     """
-    convolved = grid.invert_spectrum(product)
+    convolved = grid.invert_spectrum(spectrum_product)
     without_padding = convolved[:, *map(slice, inside.shape)]
-    return np.asarray((without_padding * inside).reshape(len(product), -1))
+    return np.asarray((without_padding * inside).reshape(len(spectrum_product), -1))
 
 
 def _compute_lag_taper(gamma: Array, shape: tuple[int, ...], count: float) -> Array:

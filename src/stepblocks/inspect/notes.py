@@ -172,6 +172,6 @@ class NotMeasuredReason(Enum):
         "scanned {scanned} mm of {face} mm; a map of {least:.0%} of either side, or {method}"
     )
 
-    def describe(self, **values: object) -> str:
+    def format_message(self, **values: object) -> str:
         """Return the message of this reason with these values."""
         return str(self.value).format(**values)

@@ -147,7 +147,7 @@ def keep_profiles_that_agree(
     MetrologyError
         With the share, if fewer than half of the profiles agree.
     """
-    kept = _select_alike(attempts.evaluated, crossings)
+    kept = _select_agreeing_profiles(attempts.evaluated, crossings)
     reason = "since it crosses others"
     if attempts.refusals:
         reason = f"since {attempts.refusals[0]}"
@@ -160,11 +160,11 @@ def keep_profiles_that_agree(
             f"{disagreeing} of {len(rows)} that do not "
             f"({1.0 - LEAST_SHARE:.0%} allowed), the first {reason}"
         )
-    notes += _note_left_out(kept, rows, reason)
+    notes += _make_left_out_notes(kept, rows, reason)
     return kept
 
 
-def _select_alike(
+def _select_agreeing_profiles(
     evaluated: list[Evaluated[ScannedProfile, Result]], crossings: Crossings
 ) -> list[Evaluated[ScannedProfile, Result]]:
     """Return the profiles that cross the same; of two all, since neither is the usual one."""
@@ -173,7 +173,7 @@ def _select_alike(
     return list(compress(evaluated, crossings.is_like_others))
 
 
-def _note_left_out(
+def _make_left_out_notes(
     kept: list[Evaluated[ScannedProfile, Result]], rows: list[ScannedProfile], reason: str
 ) -> list[Note]:
     """Note how many profiles were refused between those that were kept, and beyond them."""
@@ -194,7 +194,7 @@ def _note_left_out(
     return notes
 
 
-def list_turned_scans(
+def list_scan_directions(
     scan: ScannedProfile | HeightMap, along: Literal["x", "y"] | None
 ) -> list[ScannedProfile | HeightMap]:
     """List a scan so that its profiles run along x, along y, or both where neither is stated."""
@@ -209,7 +209,7 @@ def list_turned_scans(
     return directions
 
 
-def number_features(
+def collect_numbered_features(
     key: str, features: Sequence[Measured], average: Callable[[], Measured], notes: list[Note]
 ) -> dict[str, Measured]:
     """Return features under numbered keys, with their mean where alike; a single one under `key`.

@@ -39,7 +39,7 @@ def estimate_repeatability(table: Table) -> Repeatability:
 
 
 def average_scans(
-    scans: Sequence[Measured], mean: float, readings: int, repeatability: Repeatability
+    scans: Sequence[Measured], mean_value: float, reading_count: int, repeatability: Repeatability
 ) -> Measured:
     """Return the mean over the scans of a block with its budget.
 
@@ -50,9 +50,9 @@ def average_scans(
     ----------
     scans : sequence of Measured
         What each scan says.
-    mean : float
+    mean_value : float
         Of their values [m or rad].
-    readings : int
+    reading_count : int
         How many count: scans under one condition are one.
     repeatability : Repeatability
         Of one reading.
@@ -67,20 +67,20 @@ def average_scans(
     components = [
         Component(
             Source.REPEATABILITY,
-            repeatability.std / math.sqrt(readings),
+            repeatability.std / math.sqrt(reading_count),
             repeatability.dof,
-            f"scatter over all blocks, {readings} readings of this one",
+            f"scatter over all blocks, {reading_count} readings of this one",
         )
     ]
     for part in first.components:
         if part.name not in _SCATTER:  # all scans share what they have of it
-            components.append(replace(part, std=_average_component(part.name, scans)))
-    return replace(first, value=mean, components=tuple(components))
+            components.append(replace(part, std=_average_component_std(part.name, scans)))
+    return replace(first, value=mean_value, components=tuple(components))
 
 
-def _average_component(name: str, scans: Sequence[Measured]) -> float:
+def _average_component_std(component_name: str, scans: Sequence[Measured]) -> float:
     """Return the mean standard uncertainty of a component over scans [m or rad]."""
     stds = []
     for measured in scans:
-        stds += measured.list_stds(name)
+        stds += measured.list_component_stds(component_name)
     return sum(stds) / len(stds)

@@ -60,7 +60,7 @@ def write_inspection(
     list of Path
     """
     place = _Folder(Path(folder) / result.identity)
-    record = result.describe()
+    record = result.build_record()
     paths = _write_as_built(place, result)
     data = place.build_path("inspection.json")
     replace_text(data, record.to_json())
@@ -69,7 +69,9 @@ def write_inspection(
     page = place.build_path("inspection.html")
     paths += [data, plot, page]
     if result.stimulus is not None:
-        paths += _write_forms(place, result, result.stimulus, record, laboratory)
+        paths += _write_sheet_qif_and_certificates(
+            place, result, result.stimulus, record, laboratory
+        )
     links = [path.name for path in paths if path not in (page, plot)]
     _write_page(page, result, laboratory, plot.name, links)
     return paths
@@ -98,7 +100,7 @@ def _write_as_built(place: _Folder, result: InspectionResult) -> list[Path]:
     return write_as_built(place.build_path("as-built.toml"), built)
 
 
-def _write_forms(
+def _write_sheet_qif_and_certificates(
     place: _Folder,
     result: InspectionResult,
     part: Part,
@@ -106,7 +108,7 @@ def _write_forms(
     laboratory: Laboratory | None,
 ) -> list[Path]:
     """Write the filled sheet, the results in QIF and both forms of the certificate."""
-    filled = _collect_filled(result)
+    filled = _collect_sheet_values(result)
     sheet = place.build_path("inspection-sheet.csv")
     write_table(make_sheet_table(part, filled), sheet)
     qif = place.build_path("qif")
@@ -117,7 +119,7 @@ def _write_forms(
     return [sheet, qif, *certificates]
 
 
-def _collect_filled(result: InspectionResult) -> dict[str, tuple[float, float, str]]:
+def _collect_sheet_values(result: InspectionResult) -> dict[str, tuple[float, float, str]]:
     """Return value, standard uncertainty [m or rad] and verdict of what was judged, by key.
 
     Sheet and QIF know no degrees of freedom: the standard uncertainty is at least that whose
@@ -127,7 +129,7 @@ def _collect_filled(result: InspectionResult) -> dict[str, tuple[float, float, s
     for judgement in result.judged:
         key = judgement.characteristic.key
         decision = judgement.decision
-        expanded = result.evaluation.values[key].expanded()
+        expanded = result.evaluation.values[key].compute_expanded_uncertainty()
         std = max(expanded / _NORMAL_95, decision.std)
         filled[key] = (decision.value, std, decision.verdict.value)
     return filled

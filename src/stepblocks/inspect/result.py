@@ -74,9 +74,9 @@ class InspectionResult:
     @property
     def is_complete(self) -> bool:
         """Whether all that the order asks for was measured."""
-        return self._count_absent() == 0
+        return self._count_missing_requested() == 0
 
-    def _count_absent(self) -> int:
+    def _count_missing_requested(self) -> int:
         """Return how many characteristics that the order asks for were not measured."""
         return sum(absent.characteristic.key in self.asked for absent in self.missing)
 
@@ -104,7 +104,7 @@ class InspectionResult:
             counted = f"the {counted} asked for"
         judged = ", ".join(faults) or "all conform"
         statement = f"{len(asked)} of {counted} measured, {judged}"
-        absent = self._count_absent()
+        absent = self._count_missing_requested()
         if absent:
             statement += f"; {absent} not measured"
         return statement
@@ -155,7 +155,7 @@ class InspectionResult:
     def __str__(self) -> str:
         lines = [f"{self.identity}: {self.conclusion}\n"]
         for title, rows in self.tables.items():
-            lines += [title, *_align_columns(rows), ""]
+            lines += [title, *_format_aligned_lines(rows), ""]
         return "\n".join([*lines, *self.remarks])
 
     def __repr__(self) -> str:
@@ -180,7 +180,7 @@ class InspectionResult:
         draw_scan(axes, self.evaluation.shown, self.judged)
         return axes
 
-    def describe(self) -> InspectionRecord:
+    def build_record(self) -> InspectionRecord:
         """Return the record of the inspection, as it is written."""
         values = self.evaluation.values
         characteristics = []
@@ -222,10 +222,10 @@ class InspectionResult:
 
     def as_record(self) -> dict[str, Any]:
         """Return plain data; every number has its unit in its name, infinities are null."""
-        return self.describe().to_document()
+        return self.build_record().to_document()
 
 
-def _align_columns(rows: list[Row]) -> list[str]:
+def _format_aligned_lines(rows: list[Row]) -> list[str]:
     """Return the lines of a table with its columns under their labels."""
     columns = []
     for key in rows[0]:

@@ -84,7 +84,7 @@ def _make_decision_fields(judgement: Judgement) -> _DecisionFields:
 
 def _make_measured_fields(measured: Measured) -> _MeasuredFields:
     """Return the fields of a value and its uncertainty."""
-    half = measured.expanded()
+    half = measured.compute_expanded_uncertainty()
     return {
         "value": measured.value,
         "std": measured.std,

@@ -33,12 +33,12 @@ class _Unit:
     name: str
     factor: float  # of it in one SI unit
 
-    def format_limit(self, size: float, form: str) -> str | None:
+    def format_limit(self, size: float, number_format: str) -> str | None:
         """Write a size of a decision [m or rad]; None of an infinite one."""
         scaled = size * self.factor
         if not math.isfinite(scaled):
             return None
-        return f"{round(scaled, _LIMIT_DECIMALS):{form}}"
+        return f"{round(scaled, _LIMIT_DECIMALS):{number_format}}"
 
 
 _MICROMETRE = _Unit("um", 1e6)
@@ -71,7 +71,7 @@ def build_tables(
     not_judged = {absent.characteristic.key for absent in missing}
     characteristics = []
     budget = []
-    for key in _order_keys(values, numbers):
+    for key in _sort_keys_by_drawing_number(values, numbers):
         measured = values[key]
         judgement = judgements.get(key)
         label = measured.name
@@ -91,7 +91,9 @@ def build_tables(
     return {title: rows for title, rows in tables.items() if rows}
 
 
-def _order_keys(values: Mapping[str, Measured], numbers: Mapping[str, int]) -> list[str]:
+def _sort_keys_by_drawing_number(
+    values: Mapping[str, Measured], numbers: Mapping[str, int]
+) -> list[str]:
     """Return keys in the order of the drawing; what it does not show comes last."""
     last = len(numbers) + 1
     return sorted(values, key=lambda key: numbers.get(key, last))
@@ -105,7 +107,7 @@ def _make_value_row(
     unit: _Unit,
 ) -> Row:
     """Return the line of a value with its limits, if any."""
-    half = measured.expanded() * unit.factor
+    half = measured.compute_expanded_uncertainty() * unit.factor
     decimals = _choose_decimals(half)
     uncertainty = _NOT_STATED
     if measured.is_decidable:
@@ -127,11 +129,11 @@ def _make_value_row(
     }
 
 
-def _choose_decimals(half: float) -> int:
+def _choose_decimals(half_width: float) -> int:
     """Return the decimals that show two digits of an uncertainty, none below a picometre."""
-    if not 0.0 < half < math.inf:
+    if not 0.0 < half_width < math.inf:
         return _DECIMALS_OF_EXACT
-    return min(max(1 - math.floor(math.log10(half)), 0), _MOST_DECIMALS)
+    return min(max(1 - math.floor(math.log10(half_width)), 0), _MOST_DECIMALS)
 
 
 def _make_component_row(label: str, part: Component, unit: _Unit) -> Row:

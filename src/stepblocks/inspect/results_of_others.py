@@ -26,7 +26,7 @@ def has_results_of_others(scan: Scan) -> TypeGuard[str | Path]:
 
 
 def read_results_of_others(
-    path: Path, keys: Mapping[str, str], layout: TableLayout = UNDECLARED
+    path: Path, keys_by_name: Mapping[str, str], layout: TableLayout = UNDECLARED
 ) -> Evaluation:
     """Read what others measured, with the uncertainty that they state.
 
@@ -34,7 +34,7 @@ def read_results_of_others(
     ----------
     path : Path
         ``*.qif``, or an inspection sheet that is filled in.
-    keys : dict of str
+    keys_by_name : dict of str
         Keys of the characteristics by number on the drawing, label and key.
     layout : TableLayout
         What is declared of a sheet.
@@ -54,9 +54,9 @@ def read_results_of_others(
     else:
         results = read_filled_sheet(path, layout)
         origin = "as the inspection sheet states it"
-    matched = match_results(results, keys)
+    matched = match_results(results, keys_by_name)
     if not matched:
-        names = ", ".join(_list_names(results))
+        names = ", ".join(_list_result_names(results))
         raise PipelineError(
             "results must measure a characteristic by its name or number on the drawing, got "
             f"{names:.120} [{path}]"
@@ -69,7 +69,7 @@ def read_results_of_others(
     for serial in dict.fromkeys(serials):
         if serial:
             notes.append(NoteKind.SERIAL_NUMBER.make_note(serial=serial))
-    values = {key: _convert_result(key, result) for key, result in matched.items()}
+    values = {key: _convert_to_measured(key, result) for key, result in matched.items()}
     return Evaluation(values, f"{origin}, {path.name}", tuple(notes))
 
 
@@ -78,13 +78,13 @@ def _is_qif(path: Path) -> bool:
     return path.suffix.lower() == ".qif"
 
 
-def _list_names(results: list[QifResult]) -> list[str]:
+def _list_result_names(results: list[QifResult]) -> list[str]:
     """Return the names or numbers of results, without repetition, in their order."""
     names = [result.name or result.designator or "?" for result in results]
     return list(dict.fromkeys(names))
 
 
-def _convert_result(key: str, result: QifResult) -> Measured:
+def _convert_to_measured(key: str, result: QifResult) -> Measured:
     """Convert a result of QIF to a value with the uncertainty that its file states."""
     is_stated = not math.isnan(result.std)
     how = "combined standard uncertainty" if is_stated else f"{UNSTATED} in the file"

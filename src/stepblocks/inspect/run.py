@@ -7,6 +7,7 @@ import hashlib
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,8 +17,12 @@ from stepblocks.errors import MetrologyError, PipelineError
 from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.files.text import escape_file_name
 from stepblocks.inspect.budget import Instrument
-from stepblocks.inspect.conformity import Outcome, combine_verdicts, judge_conformity
-from stepblocks.inspect.doubts import note_other_parts_of_size, refuse_long_scan, refuse_wrong_unit
+from stepblocks.inspect.conformity import Outcome, combine_verdicts, judge_measured_conformity
+from stepblocks.inspect.doubts import (
+    note_other_parts_of_measured_size,
+    refuse_long_scan,
+    refuse_wrong_height_unit,
+)
 from stepblocks.inspect.evaluation import AS_FOUND, Evaluation, EvaluationOptions
 from stepblocks.inspect.feature import (
     EVALUATIONS,
@@ -27,7 +32,7 @@ from stepblocks.inspect.feature import (
     refuse_unused_options,
 )
 from stepblocks.inspect.judgement import Judgement, NotMeasured
-from stepblocks.inspect.layout import DeclaredLayout, find_layout
+from stepblocks.inspect.layout import DeclaredLayout, build_declared_layout
 from stepblocks.inspect.notes import NoteKind, NotMeasuredReason
 from stepblocks.inspect.result import InspectionResult
 from stepblocks.inspect.results_of_others import has_results_of_others, read_results_of_others
@@ -77,7 +82,7 @@ class _AskedPart:
                 keys[name] = characteristic.key
         return keys
 
-    def find_asked_keys(self, names: Sequence[int | str] | None) -> frozenset[str]:
+    def find_keys_by_names(self, names: Sequence[int | str] | None) -> frozenset[str]:
         """Return the keys of characteristics by their names; all where none are named."""
         keys = self.keys_by_name
         if not names:
@@ -150,9 +155,9 @@ def inspect_scan(
         If the stimulus is not declared there, there is no evaluation for it or none that follows
         `options`, or the feature or a characteristic is unknown.
     """
-    scanned = _find_feature(feature, _OF_PARTS)
-    asked = _find_asked_part(stimulus, stimuli)
-    wanted = asked.find_asked_keys(characteristics)
+    scanned = _parse_feature_name(feature, _OF_PARTS)
+    asked = _look_up_asked_part(stimulus, stimuli)
+    wanted = asked.find_keys_by_names(characteristics)
     scale = ""
     if has_results_of_others(scan):
         _refuse_unit_and_channel(Path(scan), unit, channel)
@@ -165,7 +170,7 @@ def inspect_scan(
         loaded = load_scan(scan, unit, channel, layout)
         scale = loaded.scale
         source, digest = identify_source(scan, loaded)
-        refuse_long_scan(asked.characteristics, _measure_length(loaded), source.name)
+        refuse_long_scan(asked.characteristics, _measure_scan_length(loaded), source.name)
         evaluation = _evaluate_part(asked, scanned, main, loaded, instrument, options)
         evaluation = _drop_gap_under_bevel(asked, evaluation)
         evaluation = _add_roughness_where_asked(asked, evaluation, instrument)
@@ -190,15 +195,17 @@ def _evaluate_part(
     """Evaluate a scan of a part; of a block with two steps at the edges that it shows."""
     second = find_second_step(asked.part)
     if second is None:
-        options = replace(options, layout=find_layout(asked.characteristics))
+        options = replace(options, layout=build_declared_layout(asked.characteristics))
         return evaluate_scan(main.key, scan, instrument, main, options, _OF_ONE_STEP)
 
-    def evaluate(layout: DeclaredLayout) -> Evaluation:
+    def evaluate_at_layout(layout: DeclaredLayout) -> Evaluation:
         """Evaluate the edge of a layout."""
         at_edge = replace(options, layout=layout)
         return evaluate_scan(main.key, scan, instrument, main, at_edge, ())
 
-    return evaluate_two_steps(TwoSteps(main.nominal, second), _WANTED_EDGES[scanned], evaluate)
+    return evaluate_two_steps(
+        TwoSteps(main.nominal, second), _WANTED_EDGES[scanned], evaluate_at_layout
+    )
 
 
 def _refuse_feature_of_other_parts(asked: _AskedPart, scanned: ScannedFeature) -> None:
@@ -215,15 +222,15 @@ def _refuse_feature_of_other_parts(asked: _AskedPart, scanned: ScannedFeature) -
         )
 
 
-def _find_feature(name: str, features: Sequence[ScannedFeature]) -> ScannedFeature:
+def _parse_feature_name(name: str, allowed_features: Sequence[ScannedFeature]) -> ScannedFeature:
     """Return the feature of a name, which must be one of some."""
-    for feature in features:
+    for feature in allowed_features:
         if feature.value == name:
             return feature
-    raise PipelineError(f"feature must be one of {', '.join(features)}, got {name!r}")
+    raise PipelineError(f"feature must be one of {', '.join(allowed_features)}, got {name!r}")
 
 
-def _find_asked_part(stimulus: str | Part, stimuli: Sets) -> _AskedPart:
+def _look_up_asked_part(stimulus: str | Part, stimuli: Sets) -> _AskedPart:
     """Return a part by its identity in sets, or the part itself, with what is asked of it."""
     if not isinstance(stimulus, str):
         listed = tuple(stimulus.characteristics())
@@ -252,7 +259,7 @@ def _drop_gap_under_bevel(asked: _AskedPart, evaluation: Evaluation) -> Evaluati
         return evaluation
     values = dict(evaluation.values)
     values.pop("marginal_gap", None)
-    reason = NotMeasuredReason.GAP_UNDER_BEVEL.describe()
+    reason = NotMeasuredReason.GAP_UNDER_BEVEL.format_message()
     return replace(
         evaluation, values=values, missing={**evaluation.missing, "marginal_gap": reason}
     )
@@ -269,25 +276,25 @@ def _add_roughness_where_asked(
 
 
 def _add_notes_on_reading(
-    asked: _AskedPart, evaluation: Evaluation, scale: str, place: str
+    asked: _AskedPart, evaluation: Evaluation, scale_description: str, file_name: str
 ) -> Evaluation:
-    """Put doubts before all notes, and how heights were read, `scale`, behind them.
+    """Put doubts before all notes, and how heights were read, `scale_description`, behind them.
 
-    A unit that cannot be right refuses the file at `place`.
+    A unit that cannot be right refuses the file at `file_name`.
     """
     notes = list(evaluation.notes)
     doubts = []
     for characteristic in asked.characteristics:
         if characteristic.key in EVALUATIONS and characteristic.key in evaluation.values:
             value = evaluation.values[characteristic.key].value
-            refuse_wrong_unit(characteristic, value, scale, place)
-            doubts += note_other_parts_of_size(characteristic, value, asked.beside)
-    if scale:
-        notes.append(NoteKind.HEIGHTS_READ_AS.make_note(scale=scale))
+            refuse_wrong_height_unit(characteristic, value, scale_description, file_name)
+            doubts += note_other_parts_of_measured_size(characteristic, value, asked.beside)
+    if scale_description:
+        notes.append(NoteKind.HEIGHTS_READ_AS.make_note(scale=scale_description))
     return replace(evaluation, notes=(*doubts, *notes))
 
 
-def _measure_length(scan: ScannedProfile | HeightMap) -> float:
+def _measure_scan_length(scan: ScannedProfile | HeightMap) -> float:
     """Return how far a scan reaches, a map along its longer side [m]."""
     if isinstance(scan, ScannedProfile):
         return float(np.ptp(scan.position))
@@ -303,17 +310,24 @@ def _refuse_unit_and_channel(path: Path, unit: str | None, channel: str | None) 
             )
 
 
-def identify_source(scan: Scan, loaded: ScannedProfile | HeightMap) -> tuple[Path, str]:
+class SourceIdentity(NamedTuple):
+    """What was inspected: its path or name, and the SHA-256 of its bytes."""
+
+    path: Path
+    sha256: str
+
+
+def identify_source(scan: Scan, loaded: ScannedProfile | HeightMap) -> SourceIdentity:
     """Return the name of a scan and the SHA-256 of its file, or of its heights."""
     if isinstance(scan, str | Path):
         return identify_file(Path(scan))
     heights = np.ascontiguousarray(loaded.height).tobytes()
-    return Path(loaded.source or "arrays"), hashlib.sha256(heights).hexdigest()
+    return SourceIdentity(Path(loaded.source or "arrays"), hashlib.sha256(heights).hexdigest())
 
 
-def identify_file(path: Path) -> tuple[Path, str]:
+def identify_file(path: Path) -> SourceIdentity:
     """Return the name of a file and its SHA-256."""
-    return path, hashlib.sha256(path.read_bytes()).hexdigest()
+    return SourceIdentity(path, hashlib.sha256(path.read_bytes()).hexdigest())
 
 
 def inspect_standard(
@@ -354,11 +368,11 @@ def inspect_standard(
         If the scan cannot be read or evaluated, or does not show a feature that a smooth curve does
         not explain.
     """
-    scanned = _find_feature(feature, STANDARDS)
+    scanned = _parse_feature_name(feature, STANDARDS)
     if scanned is ScannedFeature.BALL and depth is None:
         raise MetrologyError("a ball needs its radius as the standard, such as '500 um'")
     refuse_unused_options(scanned.key, options)
-    asked = _declare_standard(scanned, depth, tolerance)
+    asked = _make_standard_characteristic(scanned, depth, tolerance)
     loaded = load_scan(scan, unit, channel, layout)
     evaluation = evaluate_scan(scanned.key, loaded, instrument, asked, options)
     source, digest = identify_source(scan, loaded)
@@ -380,11 +394,11 @@ def inspect_standard(
             f"got {', '.join(sizes)} [{source.name}]"
         )
     value = evaluation.values[asked.key].value
-    refuse_wrong_unit(asked, value, loaded.scale, source.name)
+    refuse_wrong_height_unit(asked, value, loaded.scale, source.name)
     return judge_standard(result, asked)
 
 
-def _declare_standard(
+def _make_standard_characteristic(
     feature: ScannedFeature, depth: float | None, tolerance: float
 ) -> Characteristic:
     """Return the characteristic that the certificate of a standard states [m]."""
@@ -399,7 +413,7 @@ def _declare_standard(
 def judge_standard(result: InspectionResult, asked: Characteristic) -> InspectionResult:
     """Judge what was measured of a standard by its certified size."""
     measured = result.evaluation.values[asked.key]
-    decision = judge_conformity(measured, asked.nominal, asked.lower, asked.upper)
+    decision = judge_measured_conformity(measured, asked.nominal, asked.lower, asked.upper)
     return replace(result, judged=(Judgement(asked, decision),), verdict=decision.verdict)
 
 
@@ -409,7 +423,7 @@ def judge_part(
     source: Path,
     digest: str,
     order: OrderSpec,
-    wanted: Iterable[str],
+    requested_keys: Iterable[str],
 ) -> InspectionResult:
     """Judge what was measured of a part, and say why the rest was not.
 
@@ -426,14 +440,14 @@ def judge_part(
         SHA-256 of it.
     order : OrderSpec
         Who asks for it.
-    wanted : iterable of str
+    requested_keys : iterable of str
         Keys of the characteristics that count for the verdict of the whole.
 
     Returns
     -------
     InspectionResult
     """
-    asked = frozenset(wanted)
+    asked = frozenset(requested_keys)
     judged = []
     missing = []
     for characteristic in part.characteristics():
@@ -473,7 +487,7 @@ def _judge_characteristic(
     if measured is None:
         reason = evaluation.missing.get(key, characteristic.method)
         return NotMeasured(characteristic, reason)
-    decision = judge_conformity(
+    decision = judge_measured_conformity(
         measured, characteristic.nominal, characteristic.lower, characteristic.upper
     )
     judgement = Judgement(characteristic, decision)
@@ -482,9 +496,9 @@ def _judge_characteristic(
     is_failure = decision.verdict is Outcome.DOES_NOT_CONFORM
     if characteristic.kind == "flatness" and is_failure:
         return judgement
-    reason = NotMeasuredReason.PART_OF_FACE.describe(
-        scanned=_format_sides(evaluation.covered[key]),
-        face=_format_sides(characteristic.extent),
+    reason = NotMeasuredReason.PART_OF_FACE.format_message(
+        scanned=_format_face_sides_mm(evaluation.covered[key]),
+        face=_format_face_sides_mm(characteristic.extent),
         least=_LEAST_COVERED,
         method=characteristic.method,
     )
@@ -501,6 +515,6 @@ def _is_whole_face_scanned(characteristic: Characteristic, evaluation: Evaluatio
     return all(seen >= _LEAST_COVERED * side for seen, side in pairs)
 
 
-def _format_sides(sides: Iterable[float]) -> str:
+def _format_face_sides_mm(sides: Iterable[float]) -> str:
     """Write the sides of a face [m] in millimetres."""
     return " x ".join(f"{side * 1e3:.3g}" for side in sides)

@@ -22,7 +22,7 @@ def is_one_scan_table(paths: Sequence[Path]) -> bool:
     return len(paths) == 1 and SCAN in read_names(paths[0])
 
 
-def list_conditions(scans: Table) -> list[str]:
+def list_condition_columns(scans: Table) -> list[str]:
     """Return the columns of a list of scans that are conditions, such as a day."""
     return [name for name in scans.columns if name not in _NO_CONDITIONS]
 
@@ -54,7 +54,7 @@ def tabulate_scans(
     import pandas as pd
 
     if len(paths) == 1 and paths[0].is_dir():
-        paths = _list_folder(paths[0])
+        paths = _find_table_or_files(paths[0])
     if is_one_scan_table(paths):
         scans = _read_scan_table(paths[0], layout)
     else:
@@ -67,10 +67,12 @@ def tabulate_scans(
         scans = scans.assign(**{PART: stimulus})
     if BLOCK in scans:
         return scans
-    return scans.assign(**{BLOCK: _name_blocks(list(scans[SCAN]), list(scans[PART]), layout)})
+    return scans.assign(
+        **{BLOCK: _determine_block_names(list(scans[SCAN]), list(scans[PART]), layout)}
+    )
 
 
-def _list_folder(folder: Path) -> list[Path]:
+def _find_table_or_files(folder: Path) -> list[Path]:
     """Return the table of a folder, or its files where it has none."""
     table = folder / _TABLE_NAME
     if table.is_file():
@@ -102,7 +104,7 @@ def _read_scan_table(path: Path, layout: TableLayout) -> Table:
     return listed
 
 
-def _name_blocks(scans: list[Path], parts: list[str], layout: TableLayout) -> list[str]:
+def _determine_block_names(scans: list[Path], parts: list[str], layout: TableLayout) -> list[str]:
     """Return the block of each scan.
 
     A sheet names its part by serial number; the only one named is that of the scans beside it.

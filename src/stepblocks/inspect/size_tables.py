@@ -32,7 +32,7 @@ def split_sizes_by_unit(table: Table) -> Table:
     return table
 
 
-def format_rows(table: Table) -> list[Mapping[str, object]]:
+def format_table_rows(table: Table) -> list[Mapping[str, object]]:
     """Return the rows of a table of `split_sizes_by_unit` as text, each in its unit."""
     return list(map(_format_row, list_rows(table)))
 

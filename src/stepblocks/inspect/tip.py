@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.noise import Array, Estimate, Mask, estimate_linear, find_outliers
+from stepblocks.inspect.noise import Array, Estimate, Mask, find_outliers, make_linear_estimate
 from stepblocks.scans.scan import HeightMap, ScannedProfile
 
 # reach of the cap that is fitted, as a part of the nominal radius [1]: 44 degrees of the ball,
@@ -84,16 +84,18 @@ class _Correction:
     residuals: Array  # shape (ny, nx); m
 
 
-def fit_cap(scan: ScannedProfile | HeightMap, nominal: float, reach: float = _CAP) -> Cap:
+def fit_cap(
+    scan: ScannedProfile | HeightMap, nominal_radius: float, relative_cap_radius: float = _CAP
+) -> Cap:
     """Fit a sphere, or a circle, to the heights around the apex.
 
     Parameters
     ----------
     scan : ScannedProfile or HeightMap
         Profile over the tip, or map that looks along its axis.
-    nominal : float
+    nominal_radius : float
         Approximate radius of the tip [m].
-    reach : float
+    relative_cap_radius : float
         Radius of the cap, as a share of the nominal radius [1].
 
     Returns
@@ -105,26 +107,31 @@ def fit_cap(scan: ScannedProfile | HeightMap, nominal: float, reach: float = _CA
     MetrologyError
         If the scan shows no cap of about this radius.
     """
-    cloud = _thin_scan(scan)
-    face, sphere = _find_cap(cloud, nominal, reach)
+    cloud = _thin_scan_points(scan)
+    face, sphere = _find_cap_points_and_sphere(cloud, nominal_radius, relative_cap_radius)
     used = face.copy()
     for left in reversed(range(_MOST_STEPS)):
-        step = _fit_correction(cloud, sphere, used, reach * nominal, nominal)
-        change = _move_sphere(sphere, step.solution, cloud.is_profile)
+        step = _fit_sphere_correction(
+            cloud, sphere, used, relative_cap_radius * nominal_radius, nominal_radius
+        )
+        change = _apply_sphere_correction(sphere, step.solution, cloud.is_profile)
         # after the fit, since the start knows no form, and form is no spike
         spikes = find_outliers(step.residuals, used)
         is_settled = change < _SETTLED * sphere.radius and not spikes.any()
         if left == 0 or is_settled:
             break
         used &= ~spikes
-    if used.sum() < 2 * len(step.design) or not _SMALLEST < sphere.radius / nominal < _LARGEST:
+    if (
+        used.sum() < 2 * len(step.design)
+        or not _SMALLEST < sphere.radius / nominal_radius < _LARGEST
+    ):
         raise MetrologyError(
-            f"tip must show a cap of a ball of about {nominal * 1e6:.4g} um, got "
+            f"tip must show a cap of a ball of about {nominal_radius * 1e6:.4g} um, got "
             f"{int(used.sum())} points on one of {sphere.radius * 1e6:.4g} um [{cloud.source}]"
         )
     spread = np.zeros(cloud.z.shape)
     spread[used] = step.weights[2]
-    radius = estimate_linear(float(sphere.radius), spread, step.residuals, used, step.design)
+    radius = make_linear_estimate(float(sphere.radius), spread, step.residuals, used, step.design)
     outward = np.stack([cloud.x - sphere.x, cloud.y - sphere.y, cloud.z - sphere.z])[:, used]
     distance = np.linalg.norm(outward, axis=0)
     axis = outward.mean(axis=1) / np.linalg.norm(outward.mean(axis=1))
@@ -135,11 +142,11 @@ def fit_cap(scan: ScannedProfile | HeightMap, nominal: float, reach: float = _CA
         cap_angle=float(np.arccos(np.clip(smallest_cosine, -1.0, 1.0))),
         rejected=int(face.sum() - used.sum()),
         points=int(face.sum()),
-        drawn=_draw_cap(cloud, sphere, used),
+        drawn=_extract_drawn_cap(cloud, sphere, used),
     )
 
 
-def _thin_scan(scan: ScannedProfile | HeightMap) -> _Cloud:
+def _thin_scan_points(scan: ScannedProfile | HeightMap) -> _Cloud:
     """Return the points of a scan, of a large map every so many along either side."""
     if isinstance(scan, ScannedProfile):
         x = scan.position[np.newaxis, :]
@@ -151,36 +158,40 @@ def _thin_scan(scan: ScannedProfile | HeightMap) -> _Cloud:
     return _Cloud(x, y, scan.height[::thin_y, ::thin_x], scan.source)
 
 
-def _find_cap(cloud: _Cloud, nominal: float, reach: float) -> tuple[Mask, _Sphere]:
+def _find_cap_points_and_sphere(
+    cloud: _Cloud, nominal_radius: float, relative_cap_radius: float
+) -> tuple[Mask, _Sphere]:
     """Return the points of the cap, and a sphere about through them.
 
     The apex is that of the fit, since the highest points lie on a slope of noise.
     """
     x, y, z = cloud.x, cloud.y, cloud.z
-    top = z > np.nanmax(z) - _TOP * nominal
+    top = z > np.nanmax(z) - _TOP * nominal_radius
     apex_x = float(np.median(x[top]))
     apex_y = float(np.median(y[top]))
     for _ in range(_CENTRINGS):
-        face = (np.hypot(x - apex_x, y - apex_y) < reach * nominal) & np.isfinite(z)
+        face = (
+            np.hypot(x - apex_x, y - apex_y) < relative_cap_radius * nominal_radius
+        ) & np.isfinite(z)
         if face.sum() < _LEAST_POINTS:
             raise MetrologyError(
                 f"tip must show at least {_LEAST_POINTS} points of its cap, got {int(face.sum())} "
                 f"[{cloud.source}]"
             )
         points = np.stack([x[face], y[face], z[face]], axis=1)
-        sphere = _fit_algebraic(points, nominal, cloud.is_profile)
+        sphere = _fit_sphere_algebraically(points, nominal_radius, cloud.is_profile)
         apex_x = sphere.x
         apex_y = sphere.y
     return face, sphere
 
 
-def _fit_algebraic(points: Array, unit: float, is_profile: bool) -> _Sphere:
+def _fit_sphere_algebraically(points: Array, length_unit: float, is_profile: bool) -> _Sphere:
     """Return the sphere ``|p|^2 = 2 c p + q`` through points of shape (n, 3) [m].
 
-    Of a profile it is the circle over x; `unit` scales the points [m].
+    Of a profile it is the circle over x; `length_unit` scales the points [m].
     """
     origin = points.mean(axis=0)
-    scaled = (points - origin) / unit
+    scaled = (points - origin) / length_unit
     free = scaled[:, ::2] if is_profile else scaled
     design = np.column_stack([2.0 * free, np.ones(len(scaled))])
     squares = np.sum(scaled**2, axis=1)
@@ -191,31 +202,31 @@ def _fit_algebraic(points: Array, unit: float, is_profile: bool) -> _Sphere:
     centre = solution[:3]
     if is_profile:
         centre = np.array([solution[0], 0.0, solution[1]])
-    x, y, z = centre * unit + origin
-    return _Sphere(x, y, z, np.sqrt(radius_squared) * unit)
+    x, y, z = centre * length_unit + origin
+    return _Sphere(x, y, z, np.sqrt(radius_squared) * length_unit)
 
 
-def _fit_correction(
-    cloud: _Cloud, sphere: _Sphere, used: Mask, reach: float, nominal: float
+def _fit_sphere_correction(
+    cloud: _Cloud, sphere: _Sphere, used: Mask, cap_radius: float, nominal_radius: float
 ) -> _Correction:
     """Fit the correction of a sphere, and forms that do not change its curvature, to heights.
 
-    `reach` is that of the cap [m].
+    `cap_radius` is that of the cap [m].
     """
     dx = cloud.x - sphere.x
     dy = cloud.y - sphere.y
     squared_rise = sphere.radius**2 - dx**2 - dy**2
     if not (squared_rise[used] > 0.0).all():
         raise MetrologyError(
-            f"tip must show a cap of a ball of about {nominal * 1e6:.4g} um, got none "
+            f"tip must show a cap of a ball of about {nominal_radius * 1e6:.4g} um, got none "
             f"[{cloud.source}]"
         )
     rise = np.sqrt(np.where(used, squared_rise, 1.0))
     residuals = np.where(used, cloud.z - sphere.z - rise, np.nan)
     columns = [dx / rise, np.ones_like(rise), sphere.radius / rise]
     if not cloud.is_profile:
-        u = dx / reach
-        v = dy / reach
+        u = dx / cap_radius
+        v = dy / cap_radius
         astigmatism = [u * u - v * v, u * v]
         coma = [u * (u * u + v * v), v * (u * u + v * v)]
         columns += [dy / rise, *astigmatism, *coma]
@@ -226,7 +237,7 @@ def _fit_correction(
     return _Correction(design, weights, solution, residuals)
 
 
-def _move_sphere(sphere: _Sphere, solution: Array, is_profile: bool) -> float:
+def _apply_sphere_correction(sphere: _Sphere, solution: Array, is_profile: bool) -> float:
     """Move a sphere in place by the solution of a correction; return the largest change [m]."""
     sphere.x += solution[0]
     sphere.z += solution[1]
@@ -238,7 +249,7 @@ def _move_sphere(sphere: _Sphere, solution: Array, is_profile: bool) -> float:
     return float(largest)
 
 
-def _draw_cap(cloud: _Cloud, sphere: _Sphere, used: Mask) -> DrawnCap:
+def _extract_drawn_cap(cloud: _Cloud, sphere: _Sphere, used: Mask) -> DrawnCap:
     """Return the row with most of the cap and the sphere over it."""
     row = int(np.argmax(used.sum(axis=1)))
     x = cloud.x[row]

@@ -84,25 +84,25 @@ def evaluate_two_steps(
     if wanted is WantedEdges.FIRST:
         return evaluate(steps.make_first_layout(may_be_alone=may_be_alone))
     of_second = evaluate(steps.make_second_layout(may_be_alone=may_be_alone))
-    second = _rename_to_second(of_second, steps.second)
+    second = _rename_to_second_edge(of_second, steps.second)
     if wanted is WantedEdges.SECOND:
         return second
     first = evaluate(steps.make_first_layout(may_be_alone=may_be_alone))
-    return _combine_edges(first, second, steps.second)
+    return _combine_edge_evaluations(first, second, steps.second)
 
 
-def _rename_to_second(evaluation: Evaluation, second: SecondStep) -> Evaluation:
+def _rename_to_second_edge(evaluation: Evaluation, second: SecondStep) -> Evaluation:
     """Return the evaluation of a second edge under the keys of its characteristics."""
-    values = _rename_keys(evaluation.values, second)
+    values = _rename_keys_to_second_edge(evaluation.values, second)
     named = {}
     for key, measured in values.items():
         named[key] = replace(measured, name=f"second {measured.name}")
     missing = {}
     for key, reason in evaluation.missing.items():
         missing[SECOND + key] = reason
-    missing[f"{SECOND}parallelism"] = NotMeasuredReason.PARALLEL_OVER_TWO_STEPS.describe()
+    missing[f"{SECOND}parallelism"] = NotMeasuredReason.PARALLEL_OVER_TWO_STEPS.format_message()
     notes = tuple(note.prefix_source(_NAMES[1]) for note in evaluation.notes)
-    covered = _rename_keys(evaluation.covered, second)
+    covered = _rename_keys_to_second_edge(evaluation.covered, second)
     # a record keeps the surface of the first edge alone
     return replace(
         evaluation,
@@ -115,7 +115,9 @@ def _rename_to_second(evaluation: Evaluation, second: SecondStep) -> Evaluation:
     )
 
 
-def _rename_keys(by_key: Mapping[str, _Value], second: SecondStep) -> dict[str, _Value]:
+def _rename_keys_to_second_edge(
+    by_key: Mapping[str, _Value], second: SecondStep
+) -> dict[str, _Value]:
     """Return values by the keys of the second edge instead of those of the first.
 
     Of its faces only the one behind it is its own.
@@ -130,12 +132,16 @@ def _rename_keys(by_key: Mapping[str, _Value], second: SecondStep) -> dict[str, 
     return renamed
 
 
-def _combine_edges(first: Evaluation, second: Evaluation, declared: SecondStep) -> Evaluation:
+def _combine_edge_evaluations(
+    first: Evaluation, second: Evaluation, declared: SecondStep
+) -> Evaluation:
     """Combine the evaluations of both edges."""
     notes = [note.prefix_source(_NAMES[0]) for note in first.notes]
     shown = first.shown
     if shown is not None and second.shown is not None:
-        shown = _join_shown(shown, second.shown, _find_offset(first, second, declared))
+        shown = _join_shown_profiles(
+            shown, second.shown, _compute_lower_face_offset(first, second, declared)
+        )
     return replace(
         first,
         values={**first.values, **second.values},
@@ -147,7 +153,9 @@ def _combine_edges(first: Evaluation, second: Evaluation, declared: SecondStep) 
     )
 
 
-def _find_offset(first: Evaluation, second: Evaluation, declared: SecondStep) -> float:
+def _compute_lower_face_offset(
+    first: Evaluation, second: Evaluation, declared: SecondStep
+) -> float:
     """Return how far the lower face of the second edge lies over that of the first [m]."""
     offset = first.values["step_height"].value
     if declared.direction == "down":
@@ -155,7 +163,7 @@ def _find_offset(first: Evaluation, second: Evaluation, declared: SecondStep) ->
     return offset
 
 
-def _join_shown(first: Shown, second: Shown, offset: float) -> Shown:
+def _join_shown_profiles(first: Shown, second: Shown, offset: float) -> Shown:
     """Join what is shown of both edges in the middle of the face between them.
 
     The heights of the second lie higher by an offset [m].
@@ -177,16 +185,16 @@ def _join_shown(first: Shown, second: Shown, offset: float) -> Shown:
         position=position,
         height=height,
         windows=(*left.windows, *right.windows),
-        fitted=_join_arrays(left.fitted, right.fitted, before, behind),
-        dropped=_join_arrays(left.dropped, right.dropped, before, behind),
+        fitted=_join_masked_arrays(left.fitted, right.fitted, before, behind),
+        dropped=_join_masked_arrays(left.dropped, right.dropped, before, behind),
         marks=tuple(marks),
     )
 
 
-def _join_arrays(
-    left: NDArray[_Scalar] | None, right: NDArray[_Scalar] | None, before: Mask, behind: Mask
+def _join_masked_arrays(
+    left: NDArray[_Scalar] | None, right: NDArray[_Scalar] | None, left_kept: Mask, right_kept: Mask
 ) -> NDArray[_Scalar] | None:
     """Join chosen points of two profiles; None where one of them has no such array."""
     if left is None or right is None:
         return None
-    return np.concatenate([left[before], right[behind]])
+    return np.concatenate([left[left_kept], right[right_kept]])

@@ -14,15 +14,15 @@ from typing import NamedTuple
 import numpy as np
 
 from stepblocks.errors import MetrologyError
-from stepblocks.inspect.levelling import Fit, fit_without_spikes, solve_least_squares
+from stepblocks.inspect.levelling import Fit, fit_without_spikes, solve_for_weights_and_coefficients
 from stepblocks.inspect.noise import (
     LEAST_SCATTER,
     SPIKE,
     Array,
     Estimate,
     Mask,
-    estimate_linear,
     estimate_robust_scale,
+    make_linear_estimate,
 )
 
 _LEAST_POINTS = 5  # of a window
@@ -103,7 +103,7 @@ class _WindowPoints:
         return np.stack([slope, np.ones_like(self.x), np.where(self.c, -1.0, 1.0)])
 
 
-def evaluate_a1(x: Array, z: Array, edges: Span | tuple[float, float]) -> TypeA1:
+def evaluate_type_a1(x: Array, z: Array, edges: Span | tuple[float, float]) -> TypeA1:
     """Depth of one groove or ridge between two edges of a profile.
 
     Where the middle third is domed by more than its noise, the depth is that of type A2: to the
@@ -127,14 +127,14 @@ def evaluate_a1(x: Array, z: Array, edges: Span | tuple[float, float]) -> TypeA1
         If the profile does not reach one width beyond the edges, or a window holds too few points,
         a flank or spikes.
     """
-    windows = _place_windows(x, Span(*edges))
+    windows = _place_a1_windows(x, Span(*edges))
     feature = f"the feature from {edges[0] * 1e6:.4g} to {edges[1] * 1e6:.4g} um"
     points = _WindowPoints(
         x,
         z,
-        _find_window_points(x, z, windows.a),
-        _find_window_points(x, z, windows.c),
-        _find_window_points(x, z, windows.b),
+        _mark_window_points(x, z, windows.a),
+        _mark_window_points(x, z, windows.c),
+        _mark_window_points(x, z, windows.b),
         feature,
     )
     for name, mask in points.masks_by_letter.items():
@@ -142,13 +142,13 @@ def evaluate_a1(x: Array, z: Array, edges: Span | tuple[float, float]) -> TypeA1
             raise MetrologyError(
                 f"window {name} must keep {_LEAST_POINTS} points, got {mask.sum()} for {feature}"
             )
-    domed = _evaluate_domed(points)
+    domed = _evaluate_domed_feature(points)
     if domed is not None:
         return domed
-    return _evaluate_flat(points)
+    return _evaluate_flat_feature(points)
 
 
-def _place_windows(x: Array, edges: Span) -> A1Windows:
+def _place_a1_windows(x: Array, edges: Span) -> A1Windows:
     """Return the windows of a feature; refuse a profile that does not hold them."""
     width = edges.length
     if not width > 0.0:
@@ -171,16 +171,16 @@ def _place_windows(x: Array, edges: Span) -> A1Windows:
     return windows
 
 
-def _find_window_points(x: Array, z: Array, window: Span) -> Mask:
+def _mark_window_points(x: Array, z: Array, window: Span) -> Mask:
     """Return the measured points of a window."""
     return np.asarray((x >= window.begin) & (x <= window.end) & np.isfinite(z))
 
 
-def _evaluate_flat(points: _WindowPoints) -> TypeA1:
+def _evaluate_flat_feature(points: _WindowPoints) -> TypeA1:
     """Return the depth of a feature whose middle is flat; refuse flanks and spikes in windows."""
     used = points.in_windows
     fit = fit_without_spikes(points.build_design(), points.z, used)
-    name = _find_flank_window(fit, points.masks_by_letter)
+    name = _find_window_reached_by_flank(fit, points.masks_by_letter)
     if name is not None:
         raise MetrologyError(
             f"window {name} of type A1 must lie on a face, but a flank or a defect reaches "
@@ -192,9 +192,9 @@ def _evaluate_flat(points: _WindowPoints) -> TypeA1:
             f"windows of type A1 must hold at most {_MOST_OUTLIERS:.0%} spikes, got "
             f"{fit.rejected} of {used.sum()} points for {points.feature}"
         )
-    windows = _list_window_ends(points, fit.used)
+    windows = _trim_windows_to_points(points, fit.used)
     nearer = (points.x >= np.mean(windows.a)) & (points.x <= np.mean(windows.b))
-    _, solution = solve_least_squares(fit.design, points.z, fit.used & nearer)
+    _, solution = solve_for_weights_and_coefficients(fit.design, points.z, fit.used & nearer)
     return TypeA1(
         depth=fit.estimate_term(2, 2.0),
         windows=windows,
@@ -205,7 +205,7 @@ def _evaluate_flat(points: _WindowPoints) -> TypeA1:
     )
 
 
-def _find_flank_window(fit: Fit, windows: Mapping[str, Mask]) -> str | None:
+def _find_window_reached_by_flank(fit: Fit, windows: Mapping[str, Mask]) -> str | None:
     """Return the name of the first window whose end lies off the fit, as a flank or a defect does.
 
     None where no end does.
@@ -220,7 +220,7 @@ def _find_flank_window(fit: Fit, windows: Mapping[str, Mask]) -> str | None:
     return None
 
 
-def _evaluate_domed(points: _WindowPoints) -> TypeA1 | None:
+def _evaluate_domed_feature(points: _WindowPoints) -> TypeA1 | None:
     """Return the depth by type A2, to the apex of the parabola through the middle third.
 
     None where that is not domed.
@@ -230,7 +230,7 @@ def _evaluate_domed(points: _WindowPoints) -> TypeA1 | None:
     fit = _fit_dome(points)
     if fit.rejected > _MOST_OUTLIERS * points.in_windows.sum():
         return None
-    if _find_flank_window(fit, {"A": points.a, "B": points.b}) is not None:
+    if _find_window_reached_by_flank(fit, {"A": points.a, "B": points.b}) is not None:
         return None
     depth = 2.0 * float(fit.solution[2])
     slant = float(fit.solution[3])
@@ -243,7 +243,7 @@ def _evaluate_domed(points: _WindowPoints) -> TypeA1 | None:
     weights = (
         2.0 * fit.weights[2] + place * fit.weights[3] + (_MEAN_SQUARE - place**2) * fit.weights[4]
     )
-    apex = estimate_linear(
+    apex = make_linear_estimate(
         depth + bow.value / 3.0 + slant**2 / (4.0 * bow.value),
         weights,
         fit.residuals,
@@ -252,7 +252,7 @@ def _evaluate_domed(points: _WindowPoints) -> TypeA1 | None:
     )
     return TypeA1(
         depth=apex,
-        windows=_list_window_ends(points, np.ones_like(points.in_windows)),
+        windows=_trim_windows_to_points(points, np.ones_like(points.in_windows)),
         outliers=fit.rejected,
         kind=A1Kind.A2,
         scatter=apex.value,
@@ -277,17 +277,21 @@ def _is_domed(bow: Estimate, slant: float, height: float) -> bool:
     return abs(bow.value) >= least
 
 
-def find_apex(
-    x: Array, residuals: Array, height: float, span: Span | tuple[float, float], part: float
+def estimate_apex_height(
+    x: Array,
+    residuals: Array,
+    feature_height: float,
+    span: Span | tuple[float, float],
+    middle_share: float,
 ) -> Estimate | None:
-    """Apex of a domed feature over its flat top, by an arc through the middle `part` of it [m].
+    """Apex of a domed feature over its flat top [m], by an arc through the middle share of it.
 
-    `residuals`, shape (n,), are those of flat tops at positions `x`, `height` and `span` those of
-    the feature [m]; the result is None where the top is not domed.
+    `residuals`, shape (n,), are those of flat tops at positions `x`, `feature_height` and `span`
+    those of the feature [m]; the result is None where the top is not domed.
     """
     span = Span(*span)
     middle = 0.5 * (span.begin + span.end)
-    half = 0.5 * part * span.length
+    half = 0.5 * middle_share * span.length
     used = (np.abs(x - middle) <= half) & np.isfinite(residuals)
     if used.sum() < _LEAST_POINTS_OF_DOME:
         return None
@@ -297,7 +301,7 @@ def find_apex(
     mean = fit.estimate_term(0)
     slant = float(fit.solution[1])
     bow = fit.estimate_term(2)
-    if not _is_domed(bow, slant, height) or bow.value * height > 0.0:
+    if not _is_domed(bow, slant, feature_height) or bow.value * feature_height > 0.0:
         return None
     return Estimate(
         mean.value - bow.value / 3.0 - slant**2 / (4.0 * bow.value),
@@ -306,7 +310,7 @@ def find_apex(
     )
 
 
-def _list_window_ends(points: _WindowPoints, kept: Mask) -> A1Windows:
+def _trim_windows_to_points(points: _WindowPoints, kept: Mask) -> A1Windows:
     """Return the first and last points of the windows that were kept."""
     ends = []
     for mask in (points.a, points.c, points.b):

@@ -14,7 +14,7 @@ from stepblocks.inspect.levelling import (
     Fit,
     TwoPlanes,
     fit_without_spikes,
-    solve_least_squares,
+    solve_for_weights_and_coefficients,
 )
 from stepblocks.inspect.noise import LEAST_SCATTER, Array, Estimate, Mask
 
@@ -43,15 +43,15 @@ class _Faces:
         """Sampling interval [m]."""
         return float((self.x[-1] - self.x[0]) / (len(self.x) - 1))
 
-    def list_waves(self, frequency: float) -> Array:
+    def build_wave_columns(self, frequency: float) -> Array:
         """Return cosine and sine on either face, shape (4, n), of a frequency [1/m]."""
         turn = 2.0 * np.pi * frequency * (self.x - self.x[0])
         waves = np.stack([np.cos(turn), np.sin(turn)])
         return np.concatenate([waves * ~self.is_upper, waves * self.is_upper])
 
-    def sum_squares(self, design: Array) -> float:
+    def compute_residual_squares(self, design: Array) -> float:
         """Return the sum of the squared residuals of a fit [m^2]."""
-        _, solution = solve_least_squares(design, self.z, self.used)
+        _, solution = solve_for_weights_and_coefficients(design, self.z, self.used)
         residuals = self.z[self.used] - solution @ design[:, self.used]
         return float(residuals @ residuals)
 
@@ -73,13 +73,13 @@ def estimate_height_beside_waves(x: Array, z: Array, middle: float, planes: TwoP
     Estimate
         m; that of `planes` where no wave holds most of the residuals.
     """
-    fit = _add_dominant_waves(x, z, middle, planes.fit)
+    fit = _fit_with_dominant_waves(x, z, middle, planes.fit)
     if fit is planes.fit:
         return planes.height
     return fit.estimate_term(_HEIGHT)
 
 
-def _add_dominant_waves(x: Array, z: Array, middle: float, fit: Fit) -> Fit:
+def _fit_with_dominant_waves(x: Array, z: Array, middle: float, fit: Fit) -> Fit:
     """Fit two planes anew together with up to three waves of a period.
 
     A wave is added as long as it holds most of the residuals. The first columns of the result are
@@ -87,15 +87,15 @@ def _add_dominant_waves(x: Array, z: Array, middle: float, fit: Fit) -> Fit:
     """
     faces = _Faces(x, np.where(fit.used, z, 0.0), x > middle, fit.used)
     for _ in range(_MOST_WAVES):
-        frequency = _find_wave_frequency(faces, fit)
+        frequency = _find_dominant_frequency(faces, fit)
         if frequency is None:
             return fit
-        design = np.concatenate([fit.design, faces.list_waves(frequency)])
+        design = np.concatenate([fit.design, faces.build_wave_columns(frequency)])
         fit = fit_without_spikes(design, faces.z, fit.used)
     return fit
 
 
-def _find_wave_frequency(faces: _Faces, fit: Fit) -> float | None:
+def _find_dominant_frequency(faces: _Faces, fit: Fit) -> float | None:
     """Find the frequency of a wave that holds most residuals of a fit [1/m]; None without one."""
     from scipy.optimize import minimize_scalar
 
@@ -121,7 +121,9 @@ def _find_wave_frequency(faces: _Faces, fit: Fit) -> float | None:
 
     def compute_misfit(frequency: float) -> float:
         """Return the sum of squares that waves of a frequency [1/m] leave [m^2]."""
-        return faces.sum_squares(np.concatenate([fit.design, faces.list_waves(frequency)]))
+        return faces.compute_residual_squares(
+            np.concatenate([fit.design, faces.build_wave_columns(frequency)])
+        )
 
     # a peak is as wide as the profile is long
     bounds = (float(frequencies[peak]) - _PADDED * step, float(frequencies[peak]) + _PADDED * step)

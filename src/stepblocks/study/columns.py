@@ -30,23 +30,23 @@ class PairOrder(StrEnum):
         return [order.value for order in cls]
 
 
-def name_setting(row: Row) -> str:
+def format_setting_name(row: Row) -> str:
     """Return the levels of a trial's declared factors, joined by slashes."""
-    return "/".join(row[name] for name in list_factors(row))
+    return "/".join(row[name] for name in list_factor_columns(row))
 
 
-def list_factors(names: Iterable[str]) -> list[str]:
+def list_factor_columns(names: Iterable[str]) -> list[str]:
     """List the columns of declared factors among some columns."""
     return [name for name in names if name.startswith(FACTOR)]
 
 
-def list_levels(row: Row) -> set[str]:
+def collect_levels_of_trial(row: Row) -> set[str]:
     """Return the condition of a trial and all levels of its factors."""
     condition = row["condition"]
-    return {condition, *condition.split("/"), *name_setting(row).split("/")}
+    return {condition, *condition.split("/"), *format_setting_name(row).split("/")}
 
 
-def group_by_participant(rows: Iterable[dict[str, str]]) -> dict[str, list[dict[str, str]]]:
+def group_rows_by_participant(rows: Iterable[dict[str, str]]) -> dict[str, list[dict[str, str]]]:
     """Sort rows by their participants."""
     by_participant: dict[str, list[dict[str, str]]] = {}
     for row in rows:
@@ -78,30 +78,30 @@ class NamedColumns:
 
     named: Mapping[str, str]
 
-    def find_stated_name(self, ours: str) -> str:
+    def find_stated_name(self, our_column: str) -> str:
         """Return the name that the table has for one of our columns; empty where none is stated.
 
         A length may stand in any unit.
         """
-        stem = ours.removesuffix("_um")
-        for name in (ours, f"{stem}_mm", f"{stem}_m"):
+        stem = our_column.removesuffix("_um")
+        for name in (our_column, f"{stem}_mm", f"{stem}_m"):
             if name in self.named:
                 return self.named[name]
         return ""
 
-    def get_table_name(self, ours: str) -> str:
+    def get_table_name(self, our_column: str) -> str:
         """Return what one of our columns is called in their tables."""
-        return self.find_stated_name(ours) or ours
+        return self.find_stated_name(our_column) or our_column
 
-    def read_cell(self, row: Row, ours: str) -> str | None:
+    def read_cell(self, row: Row, our_column: str) -> str | None:
         """Return the cell of one of our columns, lengths in micrometres; None without one.
 
         What is no number stays as it is.
         """
-        if not ours.endswith("_um"):
-            return row.get(self.get_table_name(ours))
-        stem = ours.removesuffix("_um")
-        for unit in self._list_units(stem):
+        if not our_column.endswith("_um"):
+            return row.get(self.get_table_name(our_column))
+        stem = our_column.removesuffix("_um")
+        for unit in self._list_possible_units(stem):
             text = row.get(self.get_table_name(f"{stem}_{unit}"))
             if text is None:
                 continue
@@ -111,7 +111,7 @@ class NamedColumns:
             return f"{number * MICROMETRES[unit]:.12g}"
         return None
 
-    def _list_units(self, stem: str) -> list[str]:
+    def _list_possible_units(self, stem: str) -> list[str]:
         """List the units in which a length may stand: those that are named, else all."""
         named = [unit for unit in MICROMETRES if f"{stem}_{unit}" in self.named]
         return named or list(MICROMETRES)

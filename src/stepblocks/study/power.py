@@ -20,7 +20,7 @@ from stepblocks.study.analysis.accuracy import (
     ANSWER,
     MEASURES,
     SPREAD,
-    compute_measure,
+    compute_measure_values,
     correct_condition_test,
 )
 from stepblocks.study.analysis.anova import run_f_test
@@ -34,7 +34,7 @@ from stepblocks.study.design.simulate import (
     simulate_estimates,
     simulate_ratings,
 )
-from stepblocks.study.design.simulated_intervals import CURVE_MEASURES, plan_comparing
+from stepblocks.study.design.simulated_intervals import CURVE_MEASURES, plan_comparisons
 from stepblocks.study.design.trials import REPETITIONS
 from stepblocks.study.design.virtual import VIBRATION_OFF, VIBRATION_ON
 from stepblocks.study.experiments.registry import ALIASES
@@ -120,7 +120,7 @@ class SimulatedStudy:
                 )
 
 
-def simulate_frame(plan: SimulatedStudy, seed: int) -> Table:
+def simulate_judgement_table(plan: SimulatedStudy, seed: int) -> Table:
     """Simulate one study to its tidy table."""
     shape = (plan.participants, len(plan.factors), len(plan.heights), plan.repetitions)
     person, setting, block, _ = np.indices(shape).reshape(len(shape), -1)
@@ -151,13 +151,13 @@ def simulate_frame(plan: SimulatedStudy, seed: int) -> Table:
     )
 
 
-def compute_p_value(plan: SimulatedStudy, analysis: str, seed: int) -> float:
+def simulate_p_value(plan: SimulatedStudy, analysis: str, seed: int) -> float:
     """Simulate a study and test its conditions; `analysis` is one of `ANALYSES`."""
-    simulated = simulate_frame(plan, seed)
+    simulated = simulate_judgement_table(plan, seed)
     if plan.measure == REALISM:
-        return _test_ratings(simulated)
-    frame, block = compute_measure(simulated, plan.measure)
-    frame = _add_effect(frame, plan)
+        return _compute_rating_p_value(simulated)
+    frame, block = compute_measure_values(simulated, plan.measure)
+    frame = _add_effect_to_last_condition(frame, plan)
     if analysis == "f-test":
         test = run_f_test(frame, "value", "condition", block, intervals=False)
         (condition, *_) = test.terms
@@ -168,7 +168,7 @@ def compute_p_value(plan: SimulatedStudy, analysis: str, seed: int) -> float:
     return corrected.p
 
 
-def _add_effect(frame: Table, plan: SimulatedStudy) -> Table:
+def _add_effect_to_last_condition(frame: Table, plan: SimulatedStudy) -> Table:
     """Add the effect to the measure of the last condition, in a column ``value``."""
     changed, _ = plan.factors[-1]
     effect = plan.effect * (frame["condition"] == changed)
@@ -182,13 +182,13 @@ def simulate_difference_spread(plan: SimulatedStudy, seed: int) -> float:
     participants that it is known to a few per cent; in the unit of the measure.
     """
     many = replace(plan, participants=_PEOPLE_OF_SPREAD)
-    frame, _ = compute_measure(simulate_frame(many, seed), plan.measure)
+    frame, _ = compute_measure_values(simulate_judgement_table(many, seed), plan.measure)
     means = frame.groupby(["participant", "condition"])["value"].mean().unstack()
     first, last = plan.factors[0][0], plan.factors[-1][0]
     return float((means[last] - means[first]).std())
 
 
-def _test_ratings(frame: Table) -> float:
+def _compute_rating_p_value(frame: Table) -> float:
     """Return the probability of ratings if conditions do not change them."""
     try:
         fit = fit_ordinal_model(frame, "rating", "condition", "participant")
@@ -234,17 +234,17 @@ def estimate_power(
     for child in children:
         (state,) = child.generate_state(1, np.uint64)
         studies.append((plan, analysis, int(state)))
-    p_values = run_calls(compute_p_value, studies, jobs=jobs, on=on)
+    p_values = run_calls(simulate_p_value, studies, jobs=jobs, on=on)
     significant = sum(p_value < _LEVEL for p_value in p_values)
-    return _compute_power(significant, runs)
+    return _compute_power_interval(significant, runs)
 
 
-def _compute_power(hits: int, runs: int) -> Power:
+def _compute_power_interval(significant_count: int, runs: int) -> Power:
     """Return the share of studies that find a difference."""
     from statsmodels.stats.proportion import proportion_confint
 
-    low, high = proportion_confint(hits, runs, method="wilson")
-    return Power(hits / runs, float(low), float(high))
+    low, high = proportion_confint(significant_count, runs, method="wilson")
+    return Power(significant_count / runs, float(low), float(high))
 
 
 def estimate_detection_power(
@@ -282,11 +282,11 @@ def estimate_detection_power(
     means = shares.mean(axis=1) - 0.5
     errors = shares.std(axis=1, ddof=1) / math.sqrt(participants)
     limit = stats.t.ppf(1.0 - _LEVEL, participants - 1)
-    return _compute_power(int(np.sum(means > limit * errors)), runs)
+    return _compute_power_interval(int(np.sum(means > limit * errors)), runs)
 
 
 @dataclass(frozen=True)
-class _Question:
+class _PowerQuestion:
     """What power is asked of, beside the size of the study.
 
     Attributes
@@ -339,17 +339,19 @@ class _Question:
                 f"{self.standard!r}"
             )
 
-    def compare_intervals(self, repetitions: int) -> dict[str, object]:
+    def make_interval_row(self, repetitions: int) -> dict[str, object]:
         """Return the range of a threshold or JND of one participant, as a row."""
         self.check_standard()
         trials = dict(self.trials)
         if not trials:
             trials = dict.fromkeys(self.heights, 2 * repetitions)  # in either order
             del trials[self.standard]
-        plan = plan_comparing(self.heights, self.energies, self.standard, trials, self.observer)
-        return plan.compare_intervals(self.measure, self.runs, self.seed)
+        plan = plan_comparisons(self.heights, self.energies, self.standard, trials, self.observer)
+        return plan.make_interval_comparison_row(self.measure, self.runs, self.seed)
 
-    def yield_power_rows(self, participants: int, repetitions: int) -> Iterator[dict[str, object]]:
+    def iterate_power_rows(
+        self, participants: int, repetitions: int
+    ) -> Iterator[dict[str, object]]:
         """Yield the power of one size for each block against the standard, as a row."""
         self.check_standard()
         trials = 2 * repetitions  # in either order
@@ -371,7 +373,7 @@ class _Question:
                 "runs": self.runs,
             }
 
-    def estimate_row(self, participants: int, repetitions: int) -> dict[str, object]:
+    def estimate_power_row(self, participants: int, repetitions: int) -> dict[str, object]:
         """Estimate the power with so many participants and repetitions; return it as a row."""
         shares, noise = [], []
         for name in self.conditions:
@@ -501,18 +503,18 @@ def study_power(
     check_seed(seed)
     blocks = choose_blocks(source, felt, only)
     energies = blocks.predict_energies()
-    kind = _resolve_experiment(experiment)
+    kind = _resolve_experiment_kind(experiment)
     vibration: tuple[str, ...] = ()
     if kind == "virtual":
         vibration = (VIBRATION_OFF, VIBRATION_ON)
     named = (*vibration, *probes, *(damping or {}), *(noise or {}))
     conditions = tuple(dict.fromkeys(named))
     if measure == REALISM:
-        _check_realism(experiment, vibration, conditions)
+        _check_realism_conditions(experiment, vibration, conditions)
     _check_effect(kind, measure, effect, effect_size)
     _check_curve_measure(kind, measure, trials, runs)
     heights = {item.identity: item.height for item in blocks.items}
-    question = _Question(
+    question = _PowerQuestion(
         heights=heights,
         energies=energies,
         conditions=conditions,
@@ -534,20 +536,20 @@ def study_power(
     with open_cluster(on, jobs) as cluster:
         question = replace(question, cluster=cluster)
         if measure in CURVE_MEASURES:
-            rows += map(question.compare_intervals, repetitions)
+            rows += map(question.make_interval_row, repetitions)
             participants = ()
         for people, times in itertools.product(participants, repetitions):
             if kind == "constant":
-                rows += question.yield_power_rows(people, times)
+                rows += question.iterate_power_rows(people, times)
             else:
-                rows.append(question.estimate_row(people, times))
+                rows.append(question.estimate_power_row(people, times))
     table = pd.DataFrame(rows)
     if output is not None:
         write_table(table, Path(output), "%.3f")
     return table
 
 
-def _resolve_experiment(experiment: str) -> str:
+def _resolve_experiment_kind(experiment: str) -> str:
     """Return the kind of an experiment, an alias resolved; refuse one without a known power."""
     kind = ALIASES.get(experiment, experiment)
     if kind not in ("estimates", "virtual", "constant"):
@@ -558,7 +560,7 @@ def _resolve_experiment(experiment: str) -> str:
     return kind
 
 
-def _check_realism(
+def _check_realism_conditions(
     experiment: str, vibration: tuple[str, ...], conditions: tuple[str, ...]
 ) -> None:
     """Reject ratings of realism but for vibration off and on."""

@@ -19,15 +19,24 @@ from stepblocks.quantities import check_seed
 from stepblocks.study.analysis.foreign import read_foreign_judgements
 from stepblocks.study.analysis.judgements import (
     Judgements,
+    convert_between_factors_to_group,
     join_answers,
-    separate_factors_between_participants,
 )
-from stepblocks.study.analysis.page import render_run_sheets, render_study, write_figures
-from stepblocks.study.analysis.paper import format_latex, format_markdown, list_paper_tables
+from stepblocks.study.analysis.page import (
+    render_run_sheets,
+    render_study_report,
+    write_study_figures,
+)
+from stepblocks.study.analysis.paper import build_paper_tables, format_latex, format_markdown
 from stepblocks.study.analysis.results import StudyResult
-from stepblocks.study.analysis.word import write_word
-from stepblocks.study.columns import RATINGS, Row, group_by_participant, list_levels
-from stepblocks.study.design.adaptive import Prior, complete_prior
+from stepblocks.study.analysis.word import render_word_document
+from stepblocks.study.columns import (
+    RATINGS,
+    Row,
+    collect_levels_of_trial,
+    group_rows_by_participant,
+)
+from stepblocks.study.design.adaptive import Prior, parse_prior
 from stepblocks.study.design.blocks import Declared, choose_blocks, find_designed_blocks
 from stepblocks.study.design.plan import (
     ANCHORS,
@@ -38,9 +47,16 @@ from stepblocks.study.design.plan import (
     read_prior,
 )
 from stepblocks.study.design.read import read_all_answers, read_design
-from stepblocks.study.design.sheet import blind_row, format_key, write_without_replacing
+from stepblocks.study.design.sheet import (
+    format_code_key_csv,
+    make_blinded_row,
+    write_without_replacing,
+)
 from stepblocks.study.design.simulate import TYPICAL_OBSERVER, Observer
-from stepblocks.study.design.simulated_answers import order_answers_adaptively, simulate_answers
+from stepblocks.study.design.simulated_answers import (
+    iterate_adaptively_ordered_answers,
+    simulate_answers,
+)
 from stepblocks.study.design.trials import REPETITIONS, Design, Factors, design_trials
 from stepblocks.study.design.virtual import VIRTUAL_FACTORS, check_virtual_factor
 from stepblocks.study.experiments.kind import Experiment
@@ -160,14 +176,14 @@ def design_study(
         anchors=anchors,
         repetitions=repetitions != REPETITIONS,
     )
-    blocks = choose_blocks(source, only=only)
+    blocks = choose_blocks(source, name_pattern=only)
     if kind.paired and not standard:
         identities = [item.identity for item in blocks.items]
         raise StudyError(f"standard must be one of {', '.join(identities)}, got {standard!r}")
-    declared = _declare_factors(kind, probes, factors, between)
+    declared = _choose_design_factors(kind, probes, factors, between)
     if experiment == "virtual":
         _check_virtual_factors(factors, between)
-    stated_prior = _complete_stated_prior(prior, trials)
+    stated_prior = _make_prior(prior, trials)
     plan = Plan(
         primary,
         reference,
@@ -208,7 +224,7 @@ def design_study(
     )
     files = {
         _DESIGN: format_csv(design.trials),
-        "key.csv": format_key(design.blocks),
+        "key.csv": format_code_key_csv(design.blocks),
         FILE_NAME: plan.to_json(),
         "preregistration.md": html.unescape(preregistration),
     }
@@ -216,7 +232,7 @@ def design_study(
     return design
 
 
-def _declare_factors(
+def _choose_design_factors(
     kind: Experiment,
     probes: Sequence[str],
     factors: Mapping[str, Sequence[str]],
@@ -246,18 +262,18 @@ def _check_virtual_factors(factors: Mapping[str, Sequence[str]], between: Sequen
             check_virtual_factor(name, levels)
 
 
-def _complete_stated_prior(prior: Mapping[str, float], trials: int) -> Prior:
+def _make_prior(prior: Mapping[str, float], trials: int) -> Prior:
     """Complete a stated prior; where `trials` is not 0, it is the most that are run."""
     stated = dict[str, object]()
     if trials:
         stated["trials"] = trials
     stated.update(prior)
-    return complete_prior(stated)
+    return parse_prior(stated)
 
 
 def _refuse_unknown_outcomes(design: Design, primary: str, reference: str) -> None:
     """Reject a primary outcome or a reference that the trials of a design do not have."""
-    table = separate_factors_between_participants(pd.DataFrame(design.trials))
+    table = convert_between_factors_to_group(pd.DataFrame(design.trials))
     conditions = sorted(set(table["condition"]))
     if reference and reference not in conditions:
         raise StudyError(f"reference must be one of {', '.join(conditions)}, got {reference!r}")
@@ -303,7 +319,7 @@ def write_sheets(folder: str | Path, program: str = "") -> int:
         raise StudyError(
             "an adaptive design has no sheets: 'study run' chooses each block by the answers"
         )
-    sheets = group_by_participant(map(blind_row, design))
+    sheets = group_rows_by_participant(map(make_blinded_row, design))
     for participant in sheets:
         if not re.fullmatch(r"[\w.-]{1,40}", participant):  # it becomes the name of a file
             raise StudyError(
@@ -377,8 +393,8 @@ def simulate_study(
     """
     check_seed(seed)
     design = read_design(Path(folder) / _DESIGN)
-    _check_conditions("damping", damping or {}, design)
-    _check_conditions("noise", noise or {}, design)
+    _check_condition_factors("damping", damping or {}, design)
+    _check_condition_factors("noise", noise or {}, design)
     experiment = design[0]["experiment"]
     refuse_unused_options(experiment, noise=noise)
     blocks = find_designed_blocks(design, source, felt)
@@ -386,25 +402,29 @@ def simulate_study(
         design, blocks.predict_energies(), damping or {}, observer, seed, noise or {}
     )
     if EXPERIMENTS[experiment].adaptive:
-        answers = list(order_answers_adaptively(design, answers, read_prior(Path(folder))))
+        answers = list(
+            iterate_adaptively_ordered_answers(design, answers, read_prior(Path(folder)))
+        )
     output = Path(output)
     write_without_replacing(output.parent, {output.name: format_csv(answers)})
     return len(answers)
 
 
-def _check_conditions(option: str, named: Mapping[str, float], design: Sequence[Row]) -> None:
+def _check_condition_factors(
+    option: str, factors_by_condition: Mapping[str, float], design: Sequence[Row]
+) -> None:
     """Reject an option that names conditions which a design does not have."""
     known = set[str]()
     for row in design:
-        known |= list_levels(row)
+        known |= collect_levels_of_trial(row)
     known.discard("")
-    unknown = sorted(set(named) - known)
+    unknown = sorted(set(factors_by_condition) - known)
     if unknown:
         raise PipelineError(
             f"{option} must name conditions of the design ({', '.join(sorted(known))}), got "
             f"{unknown[0]!r}"
         )
-    for name, factor in named.items():
+    for name, factor in factors_by_condition.items():
         if not (factor > 0.0 and math.isfinite(factor)):
             raise PipelineError(f"{option} must be positive and finite, got {factor:g} for {name}")
 
@@ -515,7 +535,7 @@ def analyse_study(
     grouped = judgements.assign_groups(groups, layout)
     result = grouped.analyse(equivalent, plan.primary, plan.reference, plan.covariate)
     if output is not None:
-        _write_report(result, Path(output))
+        _write_study_report(result, Path(output))
     return result
 
 
@@ -532,15 +552,15 @@ def _read_judgements(
     return join_answers(design, rows, ratings)
 
 
-def _write_report(result: StudyResult, folder: Path) -> None:
+def _write_study_report(result: StudyResult, folder: Path) -> None:
     """Write the report, its tables and its figures."""
-    page = render_study(result)
-    tables = list_paper_tables(result)
-    write_figures(result, folder / "figures")
+    page = render_study_report(result)
+    tables = build_paper_tables(result)
+    write_study_figures(result, folder / "figures")
     replace_text(folder / "judgements.csv", result.judgements_csv())
     replace_text(folder / "results.csv", result.results_csv())
     if tables:
         replace_text(folder / "tables.md", format_markdown(tables))
         replace_text(folder / "tables.tex", format_latex(tables))
-        replace_bytes(folder / "tables.docx", write_word(tables))
+        replace_bytes(folder / "tables.docx", render_word_document(tables))
     replace_text(folder / "report.html", page)

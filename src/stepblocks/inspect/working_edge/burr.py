@@ -41,7 +41,7 @@ class _Peak:
     beside: float  # the lesser of its neighbours in a row
 
 
-def find_burr(across: Array, height: Array, step: float, exclusion: float) -> Burr | None:
+def measure_burr(across: Array, height: Array, step: float, exclusion: float) -> Burr | None:
     """Find what stands over the upper face.
 
     Parameters
@@ -61,19 +61,19 @@ def find_burr(across: Array, height: Array, step: float, exclusion: float) -> Bu
     known = np.isfinite(height)
     if not _is_zone_scanned(across, known):
         return None
-    upper = _level_rows(height, (across > exclusion) & (across <= _FACE * ZONE))
-    lower = _level_rows(height, (across < -exclusion) & (across >= -_FACE * ZONE))
+    upper = _level_rows_on_face(height, (across > exclusion) & (across <= _FACE * ZONE))
+    lower = _level_rows_on_face(height, (across < -exclusion) & (across >= -_FACE * ZONE))
     zone = np.abs(across) <= ZONE
     quiet_upper = (across > exclusion) & zone
     quiet_lower = (across < -exclusion) & zone
     # material that leans over the lower face is a burr as well: it is higher than the upper face
     leaning = np.where(across > 0.0, upper, height - step)
-    peak = _find_highest(leaning, zone)
+    peak = _find_highest_supported_point(leaning, zone)
     floors = np.array(
         [
-            _find_highest(-upper, quiet_upper).height,
-            _find_highest(lower, quiet_lower).height,
-            _find_highest(-lower, quiet_lower).height,
+            _find_highest_supported_point(-upper, quiet_upper).height,
+            _find_highest_supported_point(lower, quiet_lower).height,
+            _find_highest_supported_point(-lower, quiet_lower).height,
         ]
     )
     usual = floors[np.isfinite(floors)]
@@ -92,7 +92,7 @@ def find_burr(across: Array, height: Array, step: float, exclusion: float) -> Bu
     # the face is no side of a burr but the riser
     rise = _GOES_ON * max(peak.height - max(peak.beside, 0.0), 0.0)
     spikes = zone & (leaning > max(peak.height + _STANDS_OUT * noise, 0.0))
-    excess = noise * _find_noise_share(leaning[zone & known], peak.height - 2.0 * noise)
+    excess = noise * _estimate_noise_share(leaning[zone & known], peak.height - 2.0 * noise)
     return Burr(
         height=Estimate(max(peak.height + rise - excess, 0.0), float(np.hypot(std, bow))),
         sampling=rise / np.sqrt(3.0),
@@ -102,14 +102,14 @@ def find_burr(across: Array, height: Array, step: float, exclusion: float) -> Bu
     )
 
 
-def _find_noise_share(heights: Array, least: float) -> float:
+def _estimate_noise_share(heights: Array, height_threshold: float) -> float:
     """Return the share of what noise alone shows in a face that it adds to a peak [1].
 
     The highest of n points of noise is about the square root of ln n high. A peak has as many as
-    `heights` [m] that lie within the noise of it, above `least`: of a sharp one few, of a face
-    half of all.
+    `heights` [m] that lie within the noise of it, above `height_threshold`: of a sharp one few, of
+    a face half of all.
     """
-    near = max(int((heights > least).sum()), 1)
+    near = max(int((heights > height_threshold).sum()), 1)
     of_face = max(0.5 * heights.size, 2.0)
     return float(min(np.sqrt(np.log(near) / np.log(of_face)), 1.0))
 
@@ -124,7 +124,7 @@ def _is_zone_scanned(across: Array, known: Mask) -> bool:
     return bool((known & asked).sum() >= least)
 
 
-def _level_rows(height: Array, face: Mask) -> Array:
+def _level_rows_on_face(height: Array, face: Mask) -> Array:
     """Return heights over the median of a face, row by row, shape (ny, nx) [m].
 
     Where a row shows none of it, they are over its median over all rows.
@@ -138,9 +138,9 @@ def _level_rows(height: Array, face: Mask) -> Array:
     return np.asarray(height - level[:, np.newaxis])
 
 
-def _find_highest(surface: Array, part: Mask) -> _Peak:
+def _find_highest_supported_point(surface: Array, region: Mask) -> _Peak:
     """Find the highest point of a part of a surface, shape (ny, nx) [m], that is not alone."""
-    seen = np.where(part & np.isfinite(surface), surface, -np.inf)
+    seen = np.where(region & np.isfinite(surface), surface, -np.inf)
     padded = np.pad(seen, 1, constant_values=-np.inf)
     before = padded[1:-1, :-2]
     behind = padded[1:-1, 2:]

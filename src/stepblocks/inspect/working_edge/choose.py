@@ -30,7 +30,7 @@ class _EdgesOfRow:
     row: ScannedProfile
     edges: tuple[FoundEdge, ...]
 
-    def describe(self) -> str:
+    def describe_edges(self) -> str:
         """Name the edges by what they rise and where they lie."""
         named = []
         for edge in self.edges:
@@ -86,7 +86,7 @@ def find_working_stretch(rows: Sequence[ScannedProfile], layout: DeclaredLayout)
         return None
     decided: list[tuple[_EdgesOfRow, int]] = []
     for edges in several:
-        index = _choose_edge(edges, layout)
+        index = _choose_working_edge_index(edges, layout)
         if index is not None:
             decided.append((edges, index))
     if not decided:
@@ -98,22 +98,22 @@ def _find_edges_of_row(row: ScannedProfile, layout: DeclaredLayout) -> _EdgesOfR
     """Find the edges of a profile, a lesser one near a greater one being part of that."""
     edges = find_edges(row.position, row.height)
     if layout.needs_neighbours:
-        edges += _find_edges_beside(row, edges, layout)
+        edges += _find_lesser_edges_between(row, edges, layout)
     kept: list[FoundEdge] = []
     for edge in sorted(edges, key=lambda candidate: -abs(candidate.rise)):
-        distances = _measure_distances(kept, edge.position)
+        distances = _measure_edge_distances(kept, edge.position)
         if min(distances, default=np.inf) > _SAME_EDGE:
             kept.append(edge)
     kept.sort(key=lambda edge: edge.position)
     return _EdgesOfRow(row, tuple(kept))
 
 
-def _measure_distances(edges: Iterable[FoundEdge], position: float) -> list[float]:
+def _measure_edge_distances(edges: Iterable[FoundEdge], position: float) -> list[float]:
     """Measure how far edges lie from a position along the profile [m]."""
     return [abs(edge.position - position) for edge in edges]
 
 
-def _find_edges_beside(
+def _find_lesser_edges_between(
     row: ScannedProfile, edges: Sequence[FoundEdge], layout: DeclaredLayout
 ) -> list[FoundEdge]:
     """Find edges beside those found, each stretch for itself.
@@ -143,9 +143,9 @@ def _find_edges_of_stretch(stretch: ScannedProfile) -> list[FoundEdge]:
     return find_edges(stretch.position, stretch.height)
 
 
-def _choose_edge(edges: _EdgesOfRow, layout: DeclaredLayout) -> int | None:
+def _choose_working_edge_index(edges: _EdgesOfRow, layout: DeclaredLayout) -> int | None:
     """Return the index of the working edge; None where several are as likely."""
-    fits = _fit_layouts(edges, layout)
+    fits = _rate_edges_as_working(edges, layout)
     best = max(fits)
     if not best.is_possible or fits.count(best) > 1:
         return None
@@ -154,29 +154,29 @@ def _choose_edge(edges: _EdgesOfRow, layout: DeclaredLayout) -> int | None:
     return fits.index(best)
 
 
-def _fit_layouts(edges: _EdgesOfRow, layout: DeclaredLayout) -> list[_Fit]:
+def _rate_edges_as_working(edges: _EdgesOfRow, layout: DeclaredLayout) -> list[_Fit]:
     """Compare the edges of a profile with a layout, each in turn as the working edge."""
-    return [_fit_layout(edges, index, layout) for index in range(len(edges.edges))]
+    return [_rate_edge_as_working(edges, index, layout) for index in range(len(edges.edges))]
 
 
-def _fit_layout(edges: _EdgesOfRow, index: int, layout: DeclaredLayout) -> _Fit:
+def _rate_edge_as_working(edges: _EdgesOfRow, edge_index: int, layout: DeclaredLayout) -> _Fit:
     """Compare the edges of a profile with a layout, if one of them is the working edge."""
-    working = edges.edges[index]
+    working = edges.edges[edge_index]
     sign = float(np.sign(working.rise))
     walls: set[int] = set()
     unexplained = 0
-    is_plausible = _is_plausible(working.rise, layout.step)
+    is_plausible = _is_rise_plausible(working.rise, layout.step)
     for number, edge in enumerate(edges.edges):
-        if number == index:
+        if number == edge_index:
             continue
-        wall = layout.find_wall(sign * (edge.position - working.position), sign * edge.rise)
+        wall = layout.find_wall_index(sign * (edge.position - working.position), sign * edge.rise)
         if wall is None:
             unexplained += 1
         else:
             walls.add(wall)
             if layout.needs_neighbours:
-                is_plausible &= _is_plausible(edge.rise, layout.walls[wall].rise)
-    is_possible = not _lacks_wall(edges.row, working, sign, walls, layout)
+                is_plausible &= _is_rise_plausible(edge.rise, layout.walls[wall].rise)
+    is_possible = not _is_other_wall_missing(edges.row, working, sign, walls, layout)
     if layout.needs_neighbours:
         is_possible = is_plausible and len(walls) == len(layout.walls)
     return _Fit(
@@ -187,12 +187,12 @@ def _fit_layout(edges: _EdgesOfRow, index: int, layout: DeclaredLayout) -> _Fit:
     )
 
 
-def _is_plausible(rise: float, declared: float) -> bool:
+def _is_rise_plausible(rise: float, declared_rise: float) -> bool:
     """Tell whether an edge is about as high as declared [m], whichever way it is crossed."""
-    return abs(abs(rise) - abs(declared)) <= _PLAUSIBLE * abs(declared)
+    return abs(abs(rise) - abs(declared_rise)) <= _PLAUSIBLE * abs(declared_rise)
 
 
-def _lacks_wall(
+def _is_other_wall_missing(
     row: ScannedProfile, working: FoundEdge, sign: float, walls: set[int], layout: DeclaredLayout
 ) -> bool:
     """Tell whether a profile shows one wall of a groove or ridge, and not the other within it."""
@@ -211,7 +211,7 @@ def _lacks_wall(
 def _make_ambiguity_error(edges: _EdgesOfRow, layout: DeclaredLayout) -> MetrologyError:
     """Make the error of a profile whose working edge cannot be told."""
     upside_down = layout.turn_upside_down()
-    best = max(_fit_layouts(edges, upside_down))
+    best = max(_rate_edges_as_working(edges, upside_down))
     fits_upside_down = best.is_possible and best.explained == len(layout.walls) > 0
     if layout.needs_neighbours:
         reading = ""
@@ -219,17 +219,17 @@ def _make_ambiguity_error(edges: _EdgesOfRow, layout: DeclaredLayout) -> Metrolo
             reading = " (as of heights that are upside down, or of steps in the other order)"
         return MetrologyError(
             "edges must be those of both steps as declared, and fit in one way, got "
-            f"{edges.describe()}{reading}: {_NAME_ONE}"
+            f"{edges.describe_edges()}{reading}: {_NAME_ONE}"
         )
     if fits_upside_down:
         return MetrologyError(
             "heights must be positive upwards: the edges of the scan are those of the part upside "
-            f"down, got {edges.describe()}"
+            f"down, got {edges.describe_edges()}"
         )
     return MetrologyError(
         "scan must show which of its edges is the working edge, got "
-        f"{edges.describe()}, of which several may be it: give the part that holds it alone by "
-        "--from and --to"
+        f"{edges.describe_edges()}, of which several may be it: give the part that holds it "
+        "alone by --from and --to"
     )
 
 
@@ -239,7 +239,7 @@ def _make_missing_edge_error(
     """Make the error of a scan that shows one edge where the part has several."""
     shown = ""
     if found:
-        shown = found[0].describe()
+        shown = found[0].describe_edges()
     return MetrologyError(
         f"scan must show both edges of the part, got {shown or 'none'}: {_NAME_ONE}"
     )
@@ -255,7 +255,7 @@ def _find_common_stretch(
     ends = []
     for edges in several:
         margin = _MARGIN * edges.row.spacing
-        distances = _measure_distances(edges.edges, usual)
+        distances = _measure_edge_distances(edges.edges, usual)
         index = int(np.argmin(distances))
         begins.append(float(edges.row.position[0]))
         ends.append(float(edges.row.position[-1]))
@@ -272,4 +272,4 @@ def _find_common_stretch(
         )
     first, chosen = decided[0]
     beside = first.edges[:chosen] + first.edges[chosen + 1 :]
-    return Stretch(begin, end, _EdgesOfRow(first.row, beside).describe())
+    return Stretch(begin, end, _EdgesOfRow(first.row, beside).describe_edges())

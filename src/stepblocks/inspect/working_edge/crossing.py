@@ -19,7 +19,7 @@ class CrossedEdge:
     @property
     def levelled_points(self) -> LevelledPoints:
         """Points of the profile, levelled by its faces."""
-        return self.edge.locate_points(self.row.position, self.row.height)
+        return self.edge.locate_points_beside_edge(self.row.position, self.row.height)
 
 
 @dataclass(frozen=True)
@@ -59,9 +59,9 @@ class CrossedEdges:
         """Position of the middle of the edge along each profile [m]."""
         return [edge.middle for edge in self.edges]
 
-    def take_evenly(self, most: int) -> tuple[CrossedEdge, ...]:
-        """Return about `most` of the profiles, or all of fewer, evenly over a map."""
-        return self.crossings[:: max(len(self.crossings) // most, 1)]
+    def sample_evenly(self, profile_count: int) -> tuple[CrossedEdge, ...]:
+        """Return about `profile_count` of the profiles, or all of fewer, evenly over a map."""
+        return self.crossings[:: max(len(self.crossings) // profile_count, 1)]
 
     def compute_usual_height(self) -> float:
         """Return the median height of the step [m]."""

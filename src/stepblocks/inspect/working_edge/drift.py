@@ -79,13 +79,13 @@ def find_drift(x: Array, y: Array, height: Array, lower: Mask, upper: Mask) -> D
     t = 2.0 * (y - y[0]) / (y[-1] - y[0]) - 1.0
     faces = []
     for face in (lower, upper):
-        found = _fit_rows(t, _average_rows(x, y, height, face))
+        found = _fit_cubic_to_rows(t, _average_face_rows(x, y, height, face))
         if found is None:
             return None
         faces.append(found)
     first, second = faces
-    wander = _find_shared_wander(first, second)
-    terms = _find_shared_terms(first, second, wander)
+    wander = _compute_shared_wander(first, second)
+    terms = _compute_shared_terms(first, second, wander)
     offsets = np.polynomial.legendre.legval(t, [0.0, 0.0, *terms]) + wander
     drift = Drift(np.asarray(offsets))
     if drift.range_of_offsets < _LEAST_ZONE:
@@ -93,7 +93,7 @@ def find_drift(x: Array, y: Array, height: Array, lower: Mask, upper: Mask) -> D
     return drift
 
 
-def _average_rows(x: Array, y: Array, height: Array, face: Mask) -> Array:
+def _average_face_rows(x: Array, y: Array, height: Array, face: Mask) -> Array:
     """Return the mean height of each row of a face over its plane, shape (ny,) [m]."""
     used = face & np.isfinite(height)
     along, across = np.meshgrid(x, y)
@@ -107,20 +107,20 @@ def _average_rows(x: Array, y: Array, height: Array, face: Mask) -> Array:
     return np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)
 
 
-def _fit_rows(t: Array, means: Array) -> _Rows | None:
+def _fit_cubic_to_rows(scaled_positions: Array, row_means: Array) -> _Rows | None:
     """Fit a cubic to the means of rows; None where too few rows show the face."""
-    known = np.isfinite(means)
+    known = np.isfinite(row_means)
     if known.sum() < _LEAST_ROWS:
         return None
-    design = np.polynomial.legendre.legvander(t[known], _DEGREE)
-    values = np.linalg.lstsq(design, means[known], rcond=None)[0]
-    residuals = np.zeros(len(means))
-    residuals[known] = means[known] - design @ values
+    design = np.polynomial.legendre.legvander(scaled_positions[known], _DEGREE)
+    values = np.linalg.lstsq(design, row_means[known], rcond=None)[0]
+    residuals = np.zeros(len(row_means))
+    residuals[known] = row_means[known] - design @ values
     root = np.sqrt(np.diag(np.linalg.inv(design.T @ design)))
     return _Rows(np.asarray(values[2:], dtype=np.float64), residuals, root[2:])
 
 
-def _find_shared_wander(first: _Rows, second: _Rows) -> Array:
+def _compute_shared_wander(first: _Rows, second: _Rows) -> Array:
     """Return how the rows of both faces wander alike about their cubics, shape (ny,) [m].
 
     It is 0 where they do not.
@@ -132,7 +132,7 @@ def _find_shared_wander(first: _Rows, second: _Rows) -> Array:
     return np.asarray(0.5 * (first.residuals + second.residuals))
 
 
-def _find_shared_terms(first: _Rows, second: _Rows, wander: Array) -> Array:
+def _compute_shared_terms(first: _Rows, second: _Rows, wander: Array) -> Array:
     """Return the terms that both faces have, with the lesser of their sizes [m].
 
     `wander`, shape (ny,), is what both share about their cubics [m]; it is no noise of a term.

@@ -30,20 +30,20 @@ class _MeasuredEdge:
     @property
     def nominal(self) -> Counterface:
         """The step at its nominal sizes."""
-        return self._make_face(self.nominal_height, self.nominal_radius)
+        return self._make_step(self.nominal_height, self.nominal_radius)
 
     @property
     def as_built(self) -> Counterface:
         """The step as it was measured; a burr is as high as a step of it and the height."""
-        return self._make_face(self.height + self.burr, self.radius)
+        return self._make_step(self.height + self.burr, self.radius)
 
-    def _make_face(self, height: float, radius: float) -> Counterface:
+    def _make_step(self, height: float, radius: float) -> Counterface:
         """Make a step of a height and a radius [m], with its relief if it has one."""
         if self.relief is None:
             return Step(height, radius)
         return RelievedStep(height, radius, *self.relief)
 
-    def list_causes(self) -> dict[str, Counterface]:
+    def make_steps_by_cause(self) -> dict[str, Counterface]:
         """Return the nominal step with one measured size each, by the name of the size."""
         height = self.nominal_height
         radius = self.nominal_radius
@@ -51,9 +51,9 @@ class _MeasuredEdge:
         of_height = f"its height of {self.height * 1e6:.2f} um"
         of_burr = f"its burr of {self.burr * 1e6:.3g} um"
         return {
-            of_radius: self._make_face(height, self.radius),
-            of_height: self._make_face(self.height, radius),
-            of_burr: self._make_face(height + self.burr, radius),
+            of_radius: self._make_step(height, self.radius),
+            of_height: self._make_step(self.height, radius),
+            of_burr: self._make_step(height + self.burr, radius),
         }
 
 
@@ -66,16 +66,16 @@ def describe_energy(result: InspectionResult, grid: PredictionGrid) -> str:
     """
     verdict = f"{result.identity} {_describe_verdict(result)}"
     sentences = []
-    first = _collect_edge(result)
+    first = _collect_measured_edge(result)
     if first is not None:
-        sentences.append(_describe_edge(result, first, grid, verdict))
-    second = _collect_edge(result, SECOND)
+        sentences.append(_describe_edge_energy(result, first, grid, verdict))
+    second = _collect_measured_edge(result, SECOND)
     if second is not None:
-        sentences.append(_describe_edge(result, second, grid, f"second edge of {verdict}"))
+        sentences.append(_describe_edge_energy(result, second, grid, f"second edge of {verdict}"))
     return "; ".join(sentences)
 
 
-def _describe_edge(
+def _describe_edge_energy(
     result: InspectionResult, edge: _MeasuredEdge, grid: PredictionGrid, verdict: str
 ) -> str:
     """Say behind a verdict how the energy of one edge differs from the nominal one's, and why."""
@@ -84,12 +84,12 @@ def _describe_edge(
         f"(tip {point.ball_radius * 1e6:g} um, {point.normal_load:g} N, friction "
         f"{point.friction:g})"
     )
-    if not result.evaluation.arc and _reaches_relief(edge.nominal, point):
+    if not result.evaluation.arc and _sinks_into_relief(edge.nominal, point):
         return (
             f"{verdict}; the edge is no arc, and a ball that sinks into the relief before a sloped "
             f"riser has no prediction {conditions}"
         )
-    causes = edge.list_causes()
+    causes = edge.make_steps_by_cause()
     nominal = edge.nominal.release(point)
     as_built = edge.as_built.release(point)
     releases = [nominal, as_built]
@@ -102,34 +102,34 @@ def _describe_edge(
         )
     scanned = None
     if not edge.is_second:
-        scanned = _release_scanned_surface(result, point)
+        scanned = _compute_release_of_scanned_surface(result, point)
     if scanned is not None:
         change = find_energy_change(edge.nominal, scanned, point) * 100.0
         return (
             f"{verdict}; the edge is no arc; by the scanned surface itself {change:+.1f} "
-            f"%, to {_format_energy(scanned)} {conditions}"
+            f"%, to {_format_vibration_energy(scanned)} {conditions}"
         )
-    clause = _describe_causes(result, edge.nominal, causes, point)
+    clause = _describe_energy_causes(result, edge.nominal, causes, point)
     change = find_energy_change(edge.nominal, edge.as_built, point)
     return (
-        f"{verdict}{clause}; together {change * 100:+.1f} %, to {_format_energy(as_built)} "
-        f"{conditions}"
+        f"{verdict}{clause}; together {change * 100:+.1f} %, "
+        f"to {_format_vibration_energy(as_built)} {conditions}"
     )
 
 
-def _reaches_relief(asked: Counterface, point: OperatingPoint) -> bool:
+def _sinks_into_relief(step: Counterface, point: OperatingPoint) -> bool:
     """Tell whether a ball sinks into the relief of a step, if it has one."""
-    return isinstance(asked, RelievedStep) and point.ball_radius < asked.least_riding_ball
+    return isinstance(step, RelievedStep) and point.ball_radius < step.least_riding_ball
 
 
-def _collect_edge(result: InspectionResult, prefix: str = "") -> _MeasuredEdge | None:
+def _collect_measured_edge(result: InspectionResult, key_prefix: str = "") -> _MeasuredEdge | None:
     """Return the sizes of an edge; None where height and radius were not measured and judged.
 
     The keys of its characteristics begin with a prefix.
     """
-    height_key = f"{prefix}step_height"
-    radius_key = f"{prefix}edge_radius"
-    burr_key = f"{prefix}burr"
+    height_key = f"{key_prefix}step_height"
+    radius_key = f"{key_prefix}edge_radius"
+    burr_key = f"{key_prefix}burr"
     values = result.evaluation.values
     nominal = {}
     failed = set()
@@ -150,12 +150,12 @@ def _collect_edge(result: InspectionResult, prefix: str = "") -> _MeasuredEdge |
         height=values[height_key].value,
         radius=max(values[radius_key].value, 0.0),
         burr=burr,
-        relief=_find_relief(result),
-        is_second=bool(prefix),
+        relief=_find_nominal_relief_size(result),
+        is_second=bool(key_prefix),
     )
 
 
-def _find_relief(result: InspectionResult) -> tuple[float, float] | None:
+def _find_nominal_relief_size(result: InspectionResult) -> tuple[float, float] | None:
     """Return nominal width and depth of the relief of a part [m]; None of one without."""
     nominal = {}
     for judgement in result.judged:
@@ -174,7 +174,7 @@ def _describe_verdict(result: InspectionResult) -> str:
     return result.conclusion
 
 
-def _release_scanned_surface(
+def _compute_release_of_scanned_surface(
     result: InspectionResult, point: OperatingPoint
 ) -> Release[Status, float] | None:
     """Return the release over the scanned surface; None where it was not seen or holds the tip."""
@@ -190,16 +190,16 @@ def _release_scanned_surface(
     return release
 
 
-def _describe_causes(
+def _describe_energy_causes(
     result: InspectionResult,
-    asked: Counterface,
-    causes: dict[str, Counterface],
+    nominal_step: Counterface,
+    steps_by_cause: dict[str, Counterface],
     point: OperatingPoint,
 ) -> str:
     """Name the sizes that change the energy, each alone; or say that it is as nominal."""
     named = []
-    for cause, step in causes.items():
-        change = find_energy_change(asked, step, point)
+    for cause, step in steps_by_cause.items():
+        change = find_energy_change(nominal_step, step, point)
         if not abs(change) >= _WORTH_SAYING:
             continue
         verb = "raises" if change > 0.0 else "lowers"
@@ -212,6 +212,6 @@ def _describe_causes(
     return f": {joined}"
 
 
-def _format_energy(release: Release[Status, float]) -> str:
+def _format_vibration_energy(release: Release[Status, float]) -> str:
     """Return the vibration energy of a release with its unit."""
     return f"{float(release.vibration_energy) * 1e6:.3g} uJ"

@@ -11,7 +11,7 @@ from stepblocks.inspect.budget import (
     Instrument,
     Measured,
     Source,
-    add_instrument_components,
+    make_measured_with_instrument,
 )
 from stepblocks.inspect.evaluation import Extent
 from stepblocks.inspect.filtering import choose_face_cutoff
@@ -107,7 +107,7 @@ def measure_faces(
     covered[_PARALLELISM] = min(covered.values())
     values = {}
     for key, zone in zones.items():
-        values[key] = _measure_zone(zone, instrument, drift)
+        values[key] = _measure_form_zone(zone, instrument, drift)
     return MeasuredFaces(values, covered)
 
 
@@ -121,22 +121,22 @@ def _make_zones_note(zones: list[_Zone], degree: int) -> Note:
     return NoteKind.FORM_OF_FACES.make_note(degree=degree, zones=", ".join(listed))
 
 
-def _measure_zone(zone: _Zone, instrument: Instrument, drift: Drift | None) -> Measured:
+def _measure_form_zone(zone: _Zone, instrument: Instrument, drift: Drift | None) -> Measured:
     """Return the zone of a form with its budget; a bound where drift was taken off the faces."""
     form = estimate_zone(zone.compute, *zone.faces)
     how = "draws from the covariance of the form"
     components = [Component(Source.NOISE, form.std, form.dof, how)]
     if drift is None:
-        return add_instrument_components(zone.name, form.value, components, instrument)
+        return make_measured_with_instrument(zone.name, form.value, components, instrument)
     how = "a quarter of what both faces share along the edge"
     components.append(Component(Source.DRIFT, 0.25 * drift.range_of_offsets, how=how))
-    measured = add_instrument_components(zone.name, form.value, components, instrument)
+    measured = make_measured_with_instrument(zone.name, form.value, components, instrument)
     return replace(measured, bound=Bound.AT_LEAST)
 
 
-def extract_faces(crossed: CrossedEdges) -> Iterator[ScannedProfile]:
+def iterate_face_profiles(crossed: CrossedEdges) -> Iterator[ScannedProfile]:
     """Yield the two faces of some profiles, levelled, those of the lower face first."""
-    chosen = crossed.take_evenly(_MOST_PROFILES)
+    chosen = crossed.sample_evenly(_MOST_PROFILES)
     for side in (-1.0, 1.0):
         for crossing in chosen:
             points = crossing.levelled_points

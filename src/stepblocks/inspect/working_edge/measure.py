@@ -13,9 +13,9 @@ from stepblocks.inspect.budget import (
     Instrument,
     Measured,
     Source,
-    add_instrument_components,
     average_profiles,
     list_tilt_components,
+    make_measured_with_instrument,
 )
 from stepblocks.inspect.edge import (
     Edge,
@@ -32,7 +32,7 @@ from stepblocks.inspect.evaluation import (
     Shown,
     Window,
 )
-from stepblocks.inspect.features import PAIR, Feature, measure_features
+from stepblocks.inspect.features import PAIR, Feature, fit_significant_features
 from stepblocks.inspect.found_edges import find_edges
 from stepblocks.inspect.levelling import LEAST_FACE
 from stepblocks.inspect.noise import Array, Estimate, Refit, estimate_refit_std
@@ -41,15 +41,19 @@ from stepblocks.inspect.profiles import (
     LEAST_SHARE,
     Crossings,
     keep_profiles_that_agree,
-    list_turned_scans,
+    list_scan_directions,
     sample_profiles,
 )
-from stepblocks.inspect.working_edge.burr import ZONE, Burr, find_burr
+from stepblocks.inspect.working_edge.burr import ZONE, Burr, measure_burr
 from stepblocks.inspect.working_edge.choose import find_working_stretch
 from stepblocks.inspect.working_edge.crossing import CrossedEdge, CrossedEdges
-from stepblocks.inspect.working_edge.faces import MeasuredFaces, extract_faces, measure_faces
+from stepblocks.inspect.working_edge.faces import (
+    MeasuredFaces,
+    iterate_face_profiles,
+    measure_faces,
+)
 from stepblocks.inspect.working_edge.radius import average_radius
-from stepblocks.inspect.working_edge.relief import cover_relief
+from stepblocks.inspect.working_edge.relief import measure_and_cover_relief
 from stepblocks.inspect.working_edge.riser import ANGLE, STRAIGHTNESS, measure_riser
 from stepblocks.scans.scan import HeightMap, ScannedProfile
 
@@ -124,7 +128,7 @@ def measure_edge(
         If the profiles show no edge, do not agree on it, or it is the wall of a notch or ridge.
     """
     refusals = []
-    for directed in list_turned_scans(scan, options.along):
+    for directed in list_scan_directions(scan, options.along):
         try:
             return _measure_along_rows(directed, instrument, options)
         except MetrologyError as error:
@@ -136,14 +140,14 @@ def _measure_along_rows(
     scan: ScannedProfile | HeightMap, instrument: Instrument, options: EvaluationOptions
 ) -> Evaluation:
     """Measure an edge that the rows of a scan cross."""
-    relief = cover_relief(scan, instrument, options)
+    relief = measure_and_cover_relief(scan, instrument, options)
     scan = relief.scan
     stretch = None
     if options.layout is not None:
         stretch = find_working_stretch(sample_profiles(scan, options).rows, options.layout)
     if stretch is not None:
         options = replace(options, begin=stretch.begin, end=stretch.end, layout=None)
-    turned = _turn_profiles(scan, options)
+    turned = _project_profiles_across_edge(scan, options)
     notes = turned.notes
     notes += relief.notes
     if stretch is not None:
@@ -152,10 +156,10 @@ def _measure_along_rows(
                 begin=stretch.begin * 1e6, end=stretch.end * 1e6, beside=stretch.beside
             )
         )
-    crossed = _fit_edges(turned, options)
+    crossed = _fit_agreeing_edges(turned, options)
     first = crossed.first_crossing
     values = {
-        "step_height": _average_height(crossed, instrument),
+        "step_height": _average_step_height(crossed, instrument),
         "edge_radius": average_radius(crossed, instrument, options.stylus_radius, notes),
     }
     riser = measure_riser(crossed, instrument, options.stylus_cone, notes)
@@ -173,41 +177,43 @@ def _measure_along_rows(
     elif beside.features:
         notes.append(beside.make_note(is_evaluated_between=False))
     points = _locate_points_across_edge(turned, crossed)
-    burr = find_burr(
+    burr = measure_burr(
         points.across,
         points.level,
         crossed.compute_usual_height(),
         crossed.compute_usual_exclusion(),
     )
     if burr is None:
-        missing["burr"] = NotMeasuredReason.UPPER_FACE_TOO_SHORT.describe()
+        missing["burr"] = NotMeasuredReason.UPPER_FACE_TOO_SHORT.format_message()
     else:
-        values["burr"] = _add_burr_budget(burr, instrument, notes)
+        values["burr"] = _make_burr_with_budget(burr, instrument, notes)
     if _has_valley_at_foot(points, crossed, burr):
         for key in _OF_THE_UPPER_CORNER:
             values.pop(key, None)
-            missing[key] = NotMeasuredReason.VALLEY_AT_FOOT.describe()
+            missing[key] = NotMeasuredReason.VALLEY_AT_FOOT.format_message()
     faces = MeasuredFaces({}, {})
     if isinstance(turned.scan, HeightMap):
-        seen = relief.drop_filled(turned.scan)
+        seen = relief.remove_filled_points(turned.scan)
         faces = measure_faces(seen, points.across, first.edge.exclusion, instrument, notes)
-    _note_left_out(crossed, notes)
+    _add_left_out_note(crossed, notes)
     if not has_steps:
-        _note_sharp_edge(crossed, notes)
+        _add_sharp_edge_note(crossed, notes)
     return Evaluation(
         values=values | faces.values | relief.values,
         convention=_describe_convention(crossed),
         notes=tuple(notes),
-        shown=_build_shown(first, crossed.shows_mostly_flanks),
+        shown=_build_shown_profile(first, crossed.shows_mostly_flanks),
         arc=surface is None,
         missing=missing,
         covered=faces.covered,
         surface=surface,
-        faces=tuple(extract_faces(crossed)),
+        faces=tuple(iterate_face_profiles(crossed)),
     )
 
 
-def _turn_profiles(scan: ScannedProfile | HeightMap, options: EvaluationOptions) -> _TurnedProfiles:
+def _project_profiles_across_edge(
+    scan: ScannedProfile | HeightMap, options: EvaluationOptions
+) -> _TurnedProfiles:
     """Return the profiles of a scan as they would be across its edge.
 
     Of a map only the part that is asked for is kept: faces and burr, too, are those of it.
@@ -219,7 +225,7 @@ def _turn_profiles(scan: ScannedProfile | HeightMap, options: EvaluationOptions)
         position = rows[0].position
         asked = (scan.x >= position[0]) & (scan.x <= position[-1])
         scan = replace(scan, height=np.where(asked, scan.height, np.nan))
-    slant = _find_slant(rows)
+    slant = _estimate_edge_slant(rows)
     turn = 1.0 / math.hypot(1.0, slant)
     if slant != 0.0:  # the profile across the edge is shorter than the row
         rows = [replace(row, position=row.position * turn) for row in rows]
@@ -228,7 +234,7 @@ def _turn_profiles(scan: ScannedProfile | HeightMap, options: EvaluationOptions)
     return _TurnedProfiles(rows, turn, scan, notes)
 
 
-def _find_slant(rows: list[ScannedProfile]) -> float:
+def _estimate_edge_slant(rows: list[ScannedProfile]) -> float:
     """Return how far the edge of a map moves along x per distance along y [1].
 
     It is 0 where it does not.
@@ -249,13 +255,13 @@ def _find_slant(rows: list[ScannedProfile]) -> float:
         return 0.0
     # by the median of the slopes between all rows: each place is known to a sample alone
     offsets, positions = places.T
-    slant = _find_median_slope(offsets, positions)
+    slant = _compute_median_slope(offsets, positions)
     if abs(slant) > _TURNED:
         return slant
     return 0.0
 
 
-def _find_median_slope(x: Array, y: Array) -> float:
+def _compute_median_slope(x: Array, y: Array) -> float:
     """Find the median of the slopes between all pairs of points, shape (n,), as Theil and Sen do.
 
     `scipy.stats` says the same, and takes as long to load as all the rest.
@@ -267,7 +273,7 @@ def _find_median_slope(x: Array, y: Array) -> float:
     return float(np.median(rises[is_apart] / runs[is_apart]))
 
 
-def _fit_edges(turned: _TurnedProfiles, options: EvaluationOptions) -> CrossedEdges:
+def _fit_agreeing_edges(turned: _TurnedProfiles, options: EvaluationOptions) -> CrossedEdges:
     """Fit an edge to each profile, and keep those that agree."""
     attempts = evaluate_each(
         lambda row: fit_edge(row.position, row.height, options.exclusion),
@@ -275,13 +281,13 @@ def _fit_edges(turned: _TurnedProfiles, options: EvaluationOptions) -> CrossedEd
         LEAST_SHARE * len(turned.rows),
     )
     kept = keep_profiles_that_agree(
-        attempts, _collect_crossings(attempts), turned.rows, turned.notes
+        attempts, _collect_edge_crossings(attempts), turned.rows, turned.notes
     )
     crossings = tuple(CrossedEdge(success.item, success.result) for success in kept)
     return CrossedEdges(crossings, isinstance(turned.scan, HeightMap))
 
 
-def _collect_crossings(attempts: Attempts[ScannedProfile, Edge]) -> Crossings:
+def _collect_edge_crossings(attempts: Attempts[ScannedProfile, Edge]) -> Crossings:
     """Collect heights and places of the edges of profiles; a place may be off by the exclusion."""
     heights, places, slack = [], [], []
     for edge in attempts.results:
@@ -296,11 +302,11 @@ def _make_column(values: Sequence[float]) -> Array:
     return np.array(values, dtype=np.float64).reshape(-1, 1)
 
 
-def _average_height(crossed: CrossedEdges, instrument: Instrument) -> Measured:
+def _average_step_height(crossed: CrossedEdges, instrument: Instrument) -> Measured:
     """Average the height of the step over the profiles."""
     form = Component(
         Source.FORM,
-        _estimate_form(crossed),
+        _estimate_form_uncertainty(crossed),
         how="change with twice the exclusion, rectangular",
     )
     heights = [edge.height for edge in crossed.edges]
@@ -310,15 +316,17 @@ def _average_height(crossed: CrossedEdges, instrument: Instrument) -> Measured:
     return average_profiles("step height", heights, instrument, components)
 
 
-def _estimate_form(crossed: CrossedEdges) -> float:
+def _estimate_form_uncertainty(crossed: CrossedEdges) -> float:
     """Return the change of the mean height when twice as much is excluded [m]."""
     refits = []
-    for success in evaluate_each(_fit_wider_step, crossed.take_evenly(_MOST_REFITTED)).evaluated:
+    for success in evaluate_each(
+        _fit_step_with_wider_exclusion, crossed.sample_evenly(_MOST_REFITTED)
+    ).evaluated:
         refits.append(Refit(success.item.edge.height, success.result))
     return estimate_refit_std(refits, 1.0)
 
 
-def _fit_wider_step(crossing: CrossedEdge) -> Estimate:
+def _fit_step_with_wider_exclusion(crossing: CrossedEdge) -> Estimate:
     """Return the height of a step with twice the exclusion [m]."""
     row = crossing.row
     return fit_step_height(row.position, row.height, _WIDER * crossing.edge.exclusion)
@@ -352,13 +360,13 @@ def _find_other_features(crossing: CrossedEdge) -> _OtherFeatures:
     without_step = points.level - edge.height.value * (points.across > 0.0)
     residuals = np.where(beside, without_step, np.nan)
 
-    def measure_without_step(position: Array) -> Sequence[Feature]:
+    def find_features_without_step(position: Array) -> Sequence[Feature]:
         """Measure the features of the heights without the step."""
         edges = find_edges(position, residuals)
-        return measure_features(position, residuals, edges, None, None).features
+        return fit_significant_features(position, residuals, edges, None, None).features
 
     features = []
-    for feature in evaluate_if_possible(measure_without_step, crossing.row.position) or ():
+    for feature in evaluate_if_possible(find_features_without_step, crossing.row.position) or ():
         is_high = abs(feature.height.value) > _WORTH * edge.height.value
         # else what the edge left open: the flank of that begins before what was left out
         is_clear = abs(feature.begin - edge.middle) > edge.exclusion + feature.flanks
@@ -367,12 +375,12 @@ def _find_other_features(crossing: CrossedEdge) -> _OtherFeatures:
     return _OtherFeatures(features)
 
 
-def _refuse_notch(beside: _OtherFeatures, crossing: CrossedEdge) -> None:
+def _refuse_notch(other_features: _OtherFeatures, crossing: CrossedEdge) -> None:
     """Refuse the wall of a notch or ridge: a flank that another follows at once is no edge."""
     edge = crossing.edge
     rise = edge.sign * edge.height.value
     least = 2.0 * edge.exclusion + LEAST_FACE * crossing.row.spacing
-    for feature in beside.features:
+    for feature in other_features.features:
         is_near = abs(feature.begin - edge.middle) < least
         falls_back = abs(feature.height.value + rise) < PAIR * abs(rise)
         if is_near and falls_back:
@@ -383,7 +391,7 @@ def _refuse_notch(beside: _OtherFeatures, crossing: CrossedEdge) -> None:
 
 def _measure_between_steps(
     turned: _TurnedProfiles,
-    beside: _OtherFeatures,
+    other_features: _OtherFeatures,
     crossing: CrossedEdge,
     instrument: Instrument,
     options: EvaluationOptions,
@@ -396,7 +404,7 @@ def _measure_between_steps(
     middle = crossing.edge.middle
     position = crossing.row.position
     before, behind = position[0], position[-1]
-    for step in sorted(beside.single_step_positions):
+    for step in sorted(other_features.single_step_positions):
         if step < middle:
             before = step
         elif step > middle:
@@ -419,8 +427,8 @@ def _locate_points_across_edge(turned: _TurnedProfiles, crossed: CrossedEdges) -
         return LevelledPoints(points.across[np.newaxis], points.level[np.newaxis])
     y = np.array([crossing.row.offset for crossing in crossed.crossings])
     offsets = [edge.offset for edge in crossed.edges]
-    middle = _interpolate_line(y, crossed.edge_positions, scan.y)
-    offset = _interpolate_line(y, offsets, scan.y)
+    middle = _evaluate_fitted_line(y, crossed.edge_positions, scan.y)
+    offset = _evaluate_fitted_line(y, offsets, scan.y)
     x = scan.x * turned.turn
     tilt = float(np.median([edge.tilt for edge in crossed.edges]))
     return LevelledPoints(
@@ -429,7 +437,7 @@ def _locate_points_across_edge(turned: _TurnedProfiles, crossed: CrossedEdges) -
     )
 
 
-def _interpolate_line(y: Array, values: list[float], at_y: Array) -> Array:
+def _evaluate_fitted_line(y: Array, values: list[float], at_y: Array) -> Array:
     """Return a line through values of rows at places of other rows, all lengths in m."""
     if np.ptp(y) > 0.0:
         return np.asarray(np.polyval(np.polyfit(y, values, 1), at_y), dtype=np.float64)
@@ -450,7 +458,7 @@ def _has_valley_at_foot(points: LevelledPoints, crossed: CrossedEdges, burr: Bur
     if beside.sum() < LEAST_FACE:
         return False
     line = np.polynomial.Polynomial.fit(across[beside], points.level[beside], 1)
-    valley = find_burr(-across, step - points.level + line(across), step, exclusion)
+    valley = measure_burr(-across, step - points.level + line(across), step, exclusion)
     if valley is None:
         return False
     standing = 0.0
@@ -460,7 +468,7 @@ def _has_valley_at_foot(points: LevelledPoints, crossed: CrossedEdges, burr: Bur
     return surely > _VALLEY + _DEEPER * standing
 
 
-def _add_burr_budget(burr: Burr, instrument: Instrument, notes: list[Note]) -> Measured:
+def _make_burr_with_budget(burr: Burr, instrument: Instrument, notes: list[Note]) -> Measured:
     """Add its budget to the height of a burr; appends to `notes` what is said of spikes."""
     if burr.spikes:
         kind = NoteKind.SPIKE_AT_EDGE
@@ -472,17 +480,17 @@ def _add_burr_budget(burr: Burr, instrument: Instrument, notes: list[Note]) -> M
         Component(Source.PEAK, burr.noise, how="half of what noise alone shows"),
         Component(Source.SAMPLING, burr.sampling, how="a peak between two points, rectangular"),
     ]
-    return add_instrument_components("burr", burr.height.value, components, instrument)
+    return make_measured_with_instrument("burr", burr.height.value, components, instrument)
 
 
-def _note_left_out(crossed: CrossedEdges, notes: list[Note]) -> None:
+def _add_left_out_note(crossed: CrossedEdges, notes: list[Note]) -> None:
     """Say how many points were left out, if any."""
     left_out = sum(edge.rejected for edge in crossed.edges)
     if left_out:
         notes.append(NoteKind.POINTS_LEFT_OUT.make_note(left_out=left_out))
 
 
-def _note_sharp_edge(crossed: CrossedEdges, notes: list[Note]) -> None:
+def _add_sharp_edge_note(crossed: CrossedEdges, notes: list[Note]) -> None:
     """Say up to which radius an edge may be that is sharper than the sampling resolves."""
     least = RESOLVED * crossed.spacing
     if any(edge.radius.value < least for edge in crossed.edges):
@@ -502,7 +510,7 @@ def _describe_convention(crossed: CrossedEdges) -> str:
     return convention
 
 
-def _build_shown(crossing: CrossedEdge, shows_mostly_flanks: bool) -> Shown:
+def _build_shown_profile(crossing: CrossedEdge, shows_mostly_flanks: bool) -> Shown:
     """Return what a plot shows of a profile: faces, ideal edge and spikes.
 
     The ideal edge has the fitted radius, but a sharp corner where profiles show mostly flanks.

@@ -60,12 +60,12 @@ def average_radius(
     Measured
     """
     tip = stylus_radius or 0.0
-    corners = _list_corners(crossed)
+    corners = _list_usual_radii(crossed)
     components = [
-        Component(Source.FORM, _estimate_arc_form(crossed), how="change without its steep half")
+        Component(Source.FORM, _estimate_arc_form_std(crossed), how="change without its steep half")
     ]
     single = average_stds(corners)
-    if crossed.is_map or _is_sharp(crossed, corners):
+    if crossed.is_map or _is_edge_unresolved(crossed, corners):
         components.append(_make_sampling_component(crossed, single))
         single = 0.0
     stylus = _make_stylus_component(stylus_radius)
@@ -75,7 +75,7 @@ def average_radius(
     for corner in corners:
         without_tip.append(Estimate(corner.value - tip, single, corner.dof))
     measured = average_profiles("edge radius", without_tip, instrument, components, _RADIUS_POWERS)
-    if measured.value + measured.expanded() < 0.0:
+    if measured.value + measured.compute_expanded_uncertainty() < 0.0:
         seen = measured.value + tip
         notes.append(NoteKind.STYLUS_TOO_LARGE.make_note(radius=tip * 1e6, seen=seen * 1e6))
         return replace(measured, value=seen, bound=Bound.AT_MOST)
@@ -84,14 +84,14 @@ def average_radius(
         bound = Bound.AT_MOST
     if tip > 0.0:
         note = NoteKind.STYLUS_TAKEN_OFF
-        if _may_be_cone(crossed, measured.value + tip):
+        if _may_show_stylus_cone(crossed, measured.value + tip):
             note = NoteKind.STYLUS_TAKEN_OFF_BOUND
             bound = Bound.AT_MOST
         notes.append(note.make_note(radius=tip * 1e6))
     return replace(measured, value=max(measured.value, 0.0), bound=bound)
 
 
-def _list_corners(crossed: CrossedEdges) -> list[Estimate]:
+def _list_usual_radii(crossed: CrossedEdges) -> list[Estimate]:
     """Return the radii of the profiles that show what most of them do, an arc or a flank."""
     shows_mostly_flanks = crossed.shows_mostly_flanks
     corners = []
@@ -102,25 +102,25 @@ def _list_corners(crossed: CrossedEdges) -> list[Estimate]:
     return corners
 
 
-def _is_sharp(crossed: CrossedEdges, corners: list[Estimate]) -> bool:
+def _is_edge_unresolved(crossed: CrossedEdges, radii: list[Estimate]) -> bool:
     """Tell whether the edge is sharper than the sampling resolves."""
-    return average_values(corners) < RESOLVED * crossed.spacing and not crossed.shows_mostly_flanks
+    return average_values(radii) < RESOLVED * crossed.spacing and not crossed.shows_mostly_flanks
 
 
-def _make_sampling_component(crossed: CrossedEdges, single: float) -> Component:
-    """Make the component of what lies between samples; `single` is the std of one profile [m].
+def _make_sampling_component(crossed: CrossedEdges, single_std: float) -> Component:
+    """Make the component of what lies between samples; `single_std` is the std of one profile [m].
 
     It lies anywhere there, alike in all rows unless the edge wanders over the samples: then a pixel
     and the noise of a row are not both at their ends.
     """
     how = "what lies between two samples, rectangular"
     if not crossed.is_map:
-        return Component(Source.SAMPLING, math.hypot(single, 0.0), how=how, bounded=True)
+        return Component(Source.SAMPLING, math.hypot(single_std, 0.0), how=how, bounded=True)
     how = f"noise of one row, and one interval, which a pixel averages; {how}"
     pixel = crossed.spacing / math.sqrt(12.0)
-    between = math.hypot(single, pixel)
+    between = math.hypot(single_std, pixel)
     if float(np.std(crossed.edge_positions)) > pixel:
-        between = max(single, pixel)
+        between = max(single_std, pixel)
     return Component(Source.SAMPLING, between, how=how, bounded=True)
 
 
@@ -135,16 +135,16 @@ def _make_stylus_component(radius: float | None) -> Component | None:
     return Component(Source.STYLUS_RADIUS, std, how="a quarter of it, rectangular", bounded=True)
 
 
-def _may_be_cone(crossed: CrossedEdges, seen: float) -> bool:
+def _may_show_stylus_cone(crossed: CrossedEdges, seen_radius: float) -> bool:
     """Tell whether the radius that is seen [m] may be that of the cone of the stylus.
 
     It may where too few points lie on the riser.
     """
-    highest = min(_COARSE * crossed.spacing, seen / NO_RISER)
+    highest = min(_COARSE * crossed.spacing, seen_radius / NO_RISER)
     return not crossed.shows_mostly_flanks and crossed.first_crossing.edge.height.value < highest
 
 
-def _estimate_arc_form(crossed: CrossedEdges) -> float:
+def _estimate_arc_form_std(crossed: CrossedEdges) -> float:
     """Return the change of the mean radius when the steeper half of the arcs is left out [m]."""
     arcs = []
     for crossing in crossed.crossings:
@@ -153,12 +153,12 @@ def _estimate_arc_form(crossed: CrossedEdges) -> float:
             arcs.append(crossing)
     chosen = arcs[:: max(len(arcs) // _MOST_REFITTED, 1)]
     refits = []
-    for success in evaluate_each(_fit_upper_arc, chosen).evaluated:
+    for success in evaluate_each(_fit_radius_without_steep_half, chosen).evaluated:
         refits.append(Refit(success.item.edge.radius, success.result))
     return estimate_refit_std(refits, _NOISE_OF_FEW_POINTS)
 
 
-def _fit_upper_arc(crossing: CrossedEdge) -> Estimate:
+def _fit_radius_without_steep_half(crossing: CrossedEdge) -> Estimate:
     """Return the radius of an arc without its steeper half [m]."""
     row = crossing.row
     edge = crossing.edge

@@ -61,7 +61,7 @@ class CoveredRelief:
     missing: dict[str, str] = field(default_factory=dict)
     notes: list[Note] = field(default_factory=list)
 
-    def drop_filled(self, scan: HeightMap) -> HeightMap:
+    def remove_filled_points(self, scan: HeightMap) -> HeightMap:
         """Return the map without what was not measured: the face over the relief."""
         if self.filled is None:
             return scan
@@ -101,7 +101,7 @@ class _ReliefPoints:
     heights: Array  # shape (points inside,) [m]
 
 
-def cover_relief(
+def measure_and_cover_relief(
     scan: ScannedProfile | HeightMap, instrument: Instrument, options: EvaluationOptions
 ) -> CoveredRelief:
     """Measure the relief that the declaration has at the root, and cover it.
@@ -113,32 +113,32 @@ def cover_relief(
     declared = options.layout.relief
     rows = sample_profiles(scan, options).rows
     chosen = rows[:: max(len(rows) // _MOST_ROWS, 1)]
-    found = evaluate_each(lambda row: _find_relief(row, declared), chosen).results
+    found = evaluate_each(lambda row: _find_relief_of_row(row, declared), chosen).results
     if len(found) < LEAST_SHARE * len(chosen):
-        reason = NotMeasuredReason.RELIEF_NOT_SEEN.describe()
+        reason = NotMeasuredReason.RELIEF_NOT_SEEN.format_message()
         return CoveredRelief(scan, missing=dict.fromkeys(("relief_width", "relief_depth"), reason))
-    places = _fit_walls(found)
+    places = _fit_riser_and_wall_lines(found)
     depths = [relief.depth for relief in found]
     depth = average_profiles("depth of the relief", depths, instrument)
-    without_relief, filled = _cover_scan(scan, places, declared)
+    without_relief, filled = _fill_relief_of_scan(scan, places, declared)
     covered = CoveredRelief(
         scan=without_relief,
         filled=filled,
         values={"relief_depth": depth},
-        notes=[NoteKind.RELIEF_LEFT_OUT.make_note(width=_measure_usual_width(found) * 1e6)],
+        notes=[NoteKind.RELIEF_LEFT_OUT.make_note(width=_compute_median_width(found) * 1e6)],
     )
     if options.stylus_radius == 0.0 and options.stylus_cone == 0.0:
-        covered.values["relief_width"] = _average_width(found, places, instrument)
+        covered.values["relief_width"] = _average_relief_width(found, places, instrument)
         return covered
-    least = _average_least_width(found, places, instrument)
+    least = _average_least_relief_width(found, places, instrument)
     if least is None:
-        covered.missing["relief_width"] = NotMeasuredReason.WALLS_OF_RELIEF.describe()
+        covered.missing["relief_width"] = NotMeasuredReason.WALLS_OF_RELIEF.format_message()
     else:
         covered.values["relief_width"] = least
     return covered
 
 
-def _find_relief(row: ScannedProfile, declared: DeclaredRelief) -> _ReliefOfRow:
+def _find_relief_of_row(row: ScannedProfile, declared: DeclaredRelief) -> _ReliefOfRow:
     """Find the relief of a profile: that beside the edge that rises highest over its floor.
 
     Raises
@@ -190,7 +190,7 @@ def _find_relief_beside(
     return _ReliefOfRow(row, riser, wall.position, depth, rise)
 
 
-def _fit_walls(found: Sequence[_ReliefOfRow]) -> _Places:
+def _fit_riser_and_wall_lines(found: Sequence[_ReliefOfRow]) -> _Places:
     """Fit lines to the places of riser and wall over the rows of a map."""
     offsets, risers, walls = [], [], []
     rising = 0
@@ -214,12 +214,12 @@ def _fit_walls(found: Sequence[_ReliefOfRow]) -> _Places:
     )
 
 
-def _measure_usual_width(found: Sequence[_ReliefOfRow]) -> float:
+def _compute_median_width(found: Sequence[_ReliefOfRow]) -> float:
     """Return the median width along the profiles [m]."""
     return float(np.median([relief.width for relief in found]))
 
 
-def _average_width(
+def _average_relief_width(
     found: Sequence[_ReliefOfRow], places: _Places, instrument: Instrument
 ) -> Measured:
     """Average the width over the profiles, across the edge of a map that is turned."""
@@ -229,10 +229,10 @@ def _average_width(
     widths = []
     for relief in found:
         widths.append(Estimate(relief.width * turn, std * turn))
-    return average_profiles("width of the relief", widths, instrument, powers=_WIDTH_POWERS)
+    return average_profiles("width of the relief", widths, instrument, scale_powers=_WIDTH_POWERS)
 
 
-def _average_least_width(
+def _average_least_relief_width(
     found: Sequence[_ReliefOfRow], places: _Places, instrument: Instrument
 ) -> Measured | None:
     """Average the least width that the traces of a stylus prove; None where they show none.
@@ -250,7 +250,9 @@ def _average_least_width(
             widths.append(Estimate(width * turn, std * turn))
     if len(widths) < LEAST_SHARE * len(found):
         return None
-    measured = average_profiles("width of the relief", widths, instrument, powers=_WIDTH_POWERS)
+    measured = average_profiles(
+        "width of the relief", widths, instrument, scale_powers=_WIDTH_POWERS
+    )
     return replace(measured, bound=Bound.AT_LEAST)
 
 
@@ -265,7 +267,7 @@ def _measure_width_at_half_depth(relief: _ReliefOfRow) -> float:
     face &= np.isfinite(height)
     if face.sum() < LEAST_FACE:
         return 0.0
-    lower = _fit_face_line(position[face], height[face])(position)
+    lower = _fit_robust_face_line(position[face], height[face])(position)
     is_below = height < lower - 0.5 * relief.depth.value  # nowhere where nothing was measured
     middle = int(np.argmin(np.abs(across + 0.5 * width)))
     if not is_below[middle]:
@@ -292,7 +294,7 @@ def _find_relief_points(
     face &= np.isfinite(height)
     if face.sum() < LEAST_FACE:
         return None
-    lower = _fit_face_line(position[face], height[face])(position)
+    lower = _fit_robust_face_line(position[face], height[face])(position)
     inside = (across >= wall) & (across < _FOOT * spacing) & ~(height > lower)
     # as far from the wall as they are, the face is seen
     mirrored = np.interp(
@@ -307,7 +309,7 @@ def _sort_by_position(across: Array, level: Array) -> tuple[Array, Array]:
     return across[order], level[order]
 
 
-def _cover_scan(
+def _fill_relief_of_scan(
     scan: ScannedProfile | HeightMap, places: _Places, declared: DeclaredRelief
 ) -> tuple[ScannedProfile | HeightMap, Mask]:
     """Return a scan whose lower face goes on over its relief, and the points that are so."""
@@ -328,7 +330,7 @@ def _cover_scan(
     return replace(scan, height=heights.reshape(shape)), filled.reshape(shape)
 
 
-def _fit_face_line(position: Array, height: Array) -> np.polynomial.Polynomial:
+def _fit_robust_face_line(position: Array, height: Array) -> np.polynomial.Polynomial:
     """Fit a line to a face without the points far off it."""
     line = np.polynomial.Polynomial.fit(position, height, 1)
     off = np.abs(height - line(position))

@@ -11,7 +11,7 @@ from stepblocks.inspect.budget import (
     Instrument,
     Measured,
     Source,
-    add_instrument_components,
+    make_measured_with_instrument,
 )
 from stepblocks.inspect.edge_flank import is_flank_of_surface
 from stepblocks.inspect.notes import Note, NoteKind, NotMeasuredReason
@@ -48,7 +48,7 @@ def measure_riser(
         Without values where the riser is upright, or the stylus may show it so.
     """
     if not crossed.shows_mostly_flanks:
-        return _make_unmeasured_riser(NotMeasuredReason.UPRIGHT_RISER.describe())
+        return _make_unmeasured_riser(NotMeasuredReason.UPRIGHT_RISER.format_message())
     flanks = crossed.all_flanks
     angles = [flank.angle for flank in flanks]
     angle = float(np.mean(angles))
@@ -60,13 +60,13 @@ def measure_riser(
             cone += ", which is not stated,"
         notes.append(NoteKind.NO_ARC_OR_STEEPER.make_note(slope=slope, cone=cone))
         return _make_unmeasured_riser(
-            NotMeasuredReason.STYLUS_CONE.describe(cone=cone, slope=slope)
+            NotMeasuredReason.STYLUS_CONE.format_message(cone=cone, slope=slope)
         )
     notes.append(NoteKind.NO_ARC.make_note(slope=slope))
     scatter = np.std(angles)
     values = {
-        ANGLE: _add_angle_budget(angle, math.hypot(std, scatter), instrument),
-        STRAIGHTNESS: _measure_straightness(crossed, angle, instrument),
+        ANGLE: _make_riser_angle_with_budget(angle, math.hypot(std, scatter), instrument),
+        STRAIGHTNESS: _average_riser_straightness(crossed, angle, instrument),
     }
     return Riser(values=values)
 
@@ -76,7 +76,9 @@ def _make_unmeasured_riser(reason: str) -> Riser:
     return Riser(missing=dict.fromkeys((ANGLE, STRAIGHTNESS), reason))
 
 
-def _add_angle_budget(angle: float, noise: float, instrument: Instrument) -> Measured:
+def _make_riser_angle_with_budget(
+    angle: float, noise_std: float, instrument: Instrument
+) -> Measured:
     """Add its budget to the angle of a riser [rad]."""
     vertical = instrument.calibration_std
     if vertical is None:
@@ -87,19 +89,21 @@ def _add_angle_budget(angle: float, noise: float, instrument: Instrument) -> Mea
     scales = math.hypot(vertical, lateral)
     calibration = 0.5 * math.sin(2.0 * angle) * scales
     components = (
-        Component(Source.NOISE, noise, how="covariance of the fit of the flank"),
+        Component(Source.NOISE, noise_std, how="covariance of the fit of the flank"),
         Component(Source.CALIBRATION, calibration, how="of both scales"),
     )
     return Measured("angle of the riser", angle, components)
 
 
-def _measure_straightness(crossed: CrossedEdges, angle: float, instrument: Instrument) -> Measured:
+def _average_riser_straightness(
+    crossed: CrossedEdges, riser_angle: float, instrument: Instrument
+) -> Measured:
     """Average the straightness of a riser of an angle [rad] over the profiles that show it."""
     values, stds = [], []
     for crossing in crossed.crossings:
         if crossing.edge.flank is not None:
             row = crossing.row
-            zone = crossing.edge.measure_riser(row.position, row.height, angle)
+            zone = crossing.edge.estimate_riser_form(row.position, row.height, riser_angle)
             values.append(zone.value)
             stds.append(zone.std)
     noise = Component(
@@ -109,4 +113,4 @@ def _measure_straightness(crossed: CrossedEdges, angle: float, instrument: Instr
         how="covariance of the form, and scatter over the profiles",
     )
     name = "straightness of the riser"
-    return add_instrument_components(name, float(np.mean(values)), [noise], instrument)
+    return make_measured_with_instrument(name, float(np.mean(values)), [noise], instrument)

@@ -9,7 +9,7 @@ import numpy as np
 
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.attempts import evaluate_each
-from stepblocks.inspect.budget import Component, Instrument, Source, add_instrument_components
+from stepblocks.inspect.budget import Component, Instrument, Source, make_measured_with_instrument
 from stepblocks.inspect.evaluation import Evaluation
 from stepblocks.inspect.filtering import compute_mean_line
 from stepblocks.inspect.noise import Estimate, average_stds, average_values, find_outliers
@@ -38,7 +38,7 @@ _STEP_ROUNDING = 1.001  # of a sampling interval, that is no other interval [1]
 _SECTIONS = 5
 
 
-def measure_ra(face: ScannedProfile, limit: float) -> Estimate:
+def measure_ra(face: ScannedProfile, ra_limit: float) -> Estimate:
     """Return Ra of one levelled profile of a face by the settings for its limit [both m].
 
     The scatter over five sections stands beside it.
@@ -48,7 +48,7 @@ def measure_ra(face: ScannedProfile, limit: float) -> Estimate:
     MetrologyError
         If the profile is too coarse or too short for the settings.
     """
-    settings = _choose_settings(limit)
+    settings = _choose_ra_settings(ra_limit)
     spacing = face.spacing
     if spacing > settings.largest_step * _STEP_ROUNDING:
         raise MetrologyError(
@@ -76,24 +76,24 @@ def measure_ra(face: ScannedProfile, limit: float) -> Estimate:
     return Estimate(float(means.mean()), std, _SECTIONS - 1.0)
 
 
-def _choose_settings(limit: float) -> _Settings:
+def _choose_ra_settings(ra_limit: float) -> _Settings:
     """Return the settings for a limit of Ra [m]."""
     for settings in _SETTINGS:
-        if limit <= _LIMIT_ROUNDING * settings.most:
+        if ra_limit <= _LIMIT_ROUNDING * settings.most:
             return settings
-    raise MetrologyError(f"limit of Ra must be a number, got {limit}")
+    raise MetrologyError(f"limit of Ra must be a number, got {ra_limit}")
 
 
-def add_roughness(evaluation: Evaluation, limit: float, instrument: Instrument) -> Evaluation:
+def add_roughness(evaluation: Evaluation, ra_limit: float, instrument: Instrument) -> Evaluation:
     """Add Ra of the rougher of the two working faces, or why it was not measured.
 
-    `limit` is that of the part [m]; the first half of the faces of an evaluation are profiles of
+    `ra_limit` is that of the part [m]; the first half of the faces of an evaluation are profiles of
     the lower one.
     """
     half = len(evaluation.faces) // 2
     rougher: list[Estimate] = []
     for profiles in (evaluation.faces[:half], evaluation.faces[half:]):
-        attempts = evaluate_each(lambda face: measure_ra(face, limit), profiles)
+        attempts = evaluate_each(lambda face: measure_ra(face, ra_limit), profiles)
         if not attempts.results:
             missing = {**evaluation.missing, "roughness": attempts.refusals[0]}
             return replace(evaluation, missing=missing)
@@ -102,5 +102,5 @@ def add_roughness(evaluation: Evaluation, limit: float, instrument: Instrument) 
     # sections of neighbouring profiles are not independent: their scatter is not divided again
     std = average_stds(rougher)
     scatter = Component(Source.SCATTER, std, rougher[0].dof, "over five sections of a profile")
-    measured = add_instrument_components("Ra", average_values(rougher), [scatter], instrument)
+    measured = make_measured_with_instrument("Ra", average_values(rougher), [scatter], instrument)
     return replace(evaluation, values={**evaluation.values, "roughness": measured})

@@ -26,12 +26,12 @@ from stepblocks.study.analysis.anova import (
 from stepblocks.study.analysis.mixed import MixedFit, fit_mixed_model
 from stepblocks.study.analysis.repeated import (
     Sphericity,
-    assess_effect,
-    assess_factors,
-    average_participants,
-    compare_participants,
+    assess_contrast_effect,
+    compare_conditions_within_participants,
+    iterate_factor_tests,
+    tabulate_participant_means,
 )
-from stepblocks.study.columns import FACTOR, ORDER, list_factors
+from stepblocks.study.columns import FACTOR, ORDER, list_factor_columns
 
 BIAS = "bias"
 ANSWER = "absolute error"  # the measure that answers the paper's question
@@ -142,7 +142,7 @@ class _GroupedMeans(NamedTuple):
     group: pd.Series
 
 
-def compute_measure(frame: Table, name: str) -> MeasuredTable:
+def compute_measure_values(frame: Table, measure_name: str) -> MeasuredTable:
     """Compute one measure of accuracy of every judgement, or of every cell.
 
     The spread is the logarithm of a participant's standard deviation in a condition, pooled over
@@ -152,7 +152,7 @@ def compute_measure(frame: Table, name: str) -> MeasuredTable:
     ----------
     frame : DataFrame
         participant, condition, stimulus, error [m].
-    name : str
+    measure_name : str
         One of `MEASURES`.
 
     Raises
@@ -160,10 +160,10 @@ def compute_measure(frame: Table, name: str) -> MeasuredTable:
     StudyError
         If fewer than two participants have a spread.
     """
-    if name == SPREAD:
-        return MeasuredTable(_compute_spread(frame), "")
+    if measure_name == SPREAD:
+        return MeasuredTable(_compute_log_spreads(frame), "")
     value = frame["error"]
-    if name == ANSWER:
+    if measure_name == ANSWER:
         value = value.abs()
     block = ""
     if frame["stimulus"].nunique() > 1:
@@ -171,7 +171,7 @@ def compute_measure(frame: Table, name: str) -> MeasuredTable:
     return MeasuredTable(frame.assign(value=value), block)
 
 
-def _compute_spread(frame: Table) -> Table:
+def _compute_log_spreads(frame: Table) -> Table:
     """Return ln(spread / m) of each participant in each condition, in a column ``value``.
 
     Columns of factors and groups are kept. Participants who never vary, or judged each block once,
@@ -198,7 +198,7 @@ def _compute_spread(frame: Table) -> Table:
     return table
 
 
-def analyse_measure(frame: Table, name: str, margin: float = math.nan) -> Measure:
+def analyse_measure(frame: Table, measure_name: str, margin: float = math.nan) -> Measure:
     """Analyse one measure; conditions that differ by less than `margin` [m] are equivalent.
 
     Parameters
@@ -206,7 +206,7 @@ def analyse_measure(frame: Table, name: str, margin: float = math.nan) -> Measur
     frame : DataFrame
         participant, condition, stimulus, error [m]; factors and groups, where there are any; and
         the order of trials where it is a covariate.
-    name : str
+    measure_name : str
         One of `MEASURES`.
     margin : float, optional
         Of the spread, which is no length, there is none.
@@ -218,22 +218,22 @@ def analyse_measure(frame: Table, name: str, margin: float = math.nan) -> Measur
     """
     if margin <= 0.0:
         raise StudyError(f"a margin of equivalence must be positive, got {margin:g}")
-    if name == SPREAD:
+    if measure_name == SPREAD:
         margin = math.nan
-    data, block = compute_measure(frame, name)
+    data, block = compute_measure_values(frame, measure_name)
     tested = run_f_test(data, "value", "condition", block)
     covariate = ORDER if ORDER in data else ""
     mixed = fit_mixed_model(data, "value", "condition", "participant", block, covariate=covariate)
-    table = average_participants(data)
+    table = tabulate_participant_means(data)
     corrected, sphericity = correct_condition_test(data, mixed.condition)
-    paired = compare_participants(table)
+    paired = compare_conditions_within_participants(table)
     factors = assess_declared_factors(data, table.dropna())
     groups = GroupComparison((), ())
     if "group" in data:
-        groups = compare_groups(data)
+        groups = compare_participant_groups(data)
     without = set(frame["participant"]) - set(data["participant"])
     return Measure(
-        name=name,
+        name=measure_name,
         frame=data,
         f_test=tested,
         mixed=mixed,
@@ -258,7 +258,7 @@ def correct_condition_test(data: Table, term: Term | None) -> ConditionTest:
     if term is None or table.shape[1] < 2 or len(table) < group.nunique() + 2:
         return ConditionTest(term, None)
     contrasts = linalg.helmert(table.shape[1])
-    sphericity = assess_effect("condition", table.to_numpy(), contrasts, group).sphericity
+    sphericity = assess_contrast_effect("condition", table.to_numpy(), contrasts, group).sphericity
     df = sphericity.huynh_feldt * term.df
     df_error = sphericity.huynh_feldt * term.df_error
     return ConditionTest(make_term("condition", df, df_error, math.nan, term.f), sphericity)
@@ -266,7 +266,7 @@ def correct_condition_test(data: Table, term: Term | None) -> ConditionTest:
 
 def _average_complete_participants(data: Table) -> _GroupedMeans:
     """Average each participant who judged in every condition; return means and groups."""
-    table = average_participants(data).dropna()
+    table = tabulate_participant_means(data).dropna()
     groups = data.assign(group=data.get("group", "")).groupby("participant")["group"].first()
     return _GroupedMeans(table, groups[table.index])
 
@@ -286,7 +286,7 @@ def assess_declared_factors(data: Table, complete: Table) -> tuple[Term, ...]:
     tuple of Term
         Empty unless at least two factors are crossed and there are three participants.
     """
-    names = list_factors(list_names(data))
+    names = list_factor_columns(list_names(data))
     if len(names) < 2 or len(complete) < 3:
         return ()
     most_levels = data.groupby("participant")[names].nunique().max()
@@ -300,7 +300,7 @@ def assess_declared_factors(data: Table, complete: Table) -> tuple[Term, ...]:
     if math.prod(map(len, levels.values())) != len(cells):
         return ()
     crossed = cells.sort_values(within).index
-    return tuple(assess_factors(complete[crossed], levels))
+    return tuple(iterate_factor_tests(complete[crossed], levels))
 
 
 def assess_equivalence(interval: Interval, margin: float = math.nan) -> Equivalence:
@@ -324,7 +324,7 @@ def assess_equivalence(interval: Interval, margin: float = math.nan) -> Equivale
     return Equivalence(bound, statistic, float(stats.t.sf(statistic, interval.df)))
 
 
-def compare_groups(data: Table) -> GroupComparison:
+def compare_participant_groups(data: Table) -> GroupComparison:
     """Compare groups of participants by a split-plot analysis of the participants' means.
 
     Groups may differ in size. A participant without a condition is left out; the notes name her.
@@ -347,5 +347,5 @@ def compare_groups(data: Table) -> GroupComparison:
     level = table.mean(axis=1).to_frame("value").assign(group=group)
     between = run_f_test(level, "value", "group")
     contrasts = linalg.helmert(table.shape[1])
-    within = assess_effect("condition:group", table.to_numpy(), contrasts, group).term
+    within = assess_contrast_effect("condition:group", table.to_numpy(), contrasts, group).term
     return GroupComparison((*between.terms, within), between.intervals)

@@ -131,8 +131,8 @@ class LinearEstimate(NamedTuple):
 def run_f_test(
     frame: Table,
     response: str,
-    first: str,
-    second: str = "",
+    first_factor: str,
+    second_factor: str = "",
     *,
     interaction: bool = True,
     intervals: bool = True,
@@ -143,7 +143,7 @@ def run_f_test(
     ----------
     frame : DataFrame
         One row per judgement.
-    response, first, second : str
+    response, first_factor, second_factor : str
         Columns of the response and of the factors; without a second factor, one is tested.
     interaction : bool
         Whether the model has an interaction of the two factors.
@@ -160,20 +160,20 @@ def run_f_test(
     StudyError
         If a factor has one level, a cell has no judgement, or the error cannot be estimated.
     """
-    names = {"a": first}
-    if second:
-        names["b"] = second
+    names = {"a": first_factor}
+    if second_factor:
+        names["b"] = second_factor
     standardised = standardise_response(frame, response, **names)
     data = standardised.data
-    _check_cells(data, names)
-    fit = _fit_factors(data, list(names), interaction)
-    terms = tuple(_yield_terms(fit, names, standardised.scale))
+    _refuse_untestable_factors(data, names)
+    fit = _fit_linear_model_of_factors(data, list(names), interaction)
+    terms = tuple(_iterate_terms(fit, names, standardised.scale))
     if not intervals:
         return FTest(terms, ())
     levels = sorted(data["a"].unique())
-    family = compare_all_pairs(
+    family = iterate_pairwise_intervals(
         levels,
-        find_mean_rows(fit.model, data, levels),
+        build_mean_design_rows(fit.model, data, levels),
         LinearEstimate(fit.params.to_numpy(), fit.cov_params().to_numpy()),
         lambda contrast: float(fit.df_resid),
         spread=math.sqrt(fit.mse_resid),
@@ -182,18 +182,18 @@ def run_f_test(
     return FTest(terms, tuple(family))
 
 
-def _check_cells(data: Table, names: dict[str, str]) -> None:
+def _refuse_untestable_factors(data: Table, factors_by_letter: dict[str, str]) -> None:
     """Reject a factor of one level, and a combination of levels without a judgement."""
     cells = 1
-    for letter, name in names.items():
+    for letter, name in factors_by_letter.items():
         levels = data[letter].nunique()
         if levels < 2:
             raise StudyError(f"{name} must have at least two levels to be tested, got {levels}")
         cells *= levels
-    counts = data.groupby(list(names)).size()
+    counts = data.groupby(list(factors_by_letter)).size()
     if len(counts) != cells:
-        combination = " and ".join(names.values())
-        lacking = _name_empty_cell(data, list(names))
+        combination = " and ".join(factors_by_letter.values())
+        lacking = _name_empty_cell(data, list(factors_by_letter))
         raise StudyError(
             f"every combination of {combination} must have a judgement; {lacking} has none"
         )
@@ -208,7 +208,7 @@ def _name_empty_cell(data: Table, factors: list[str]) -> str:
     return "none"
 
 
-def _fit_factors(
+def _fit_linear_model_of_factors(
     data: Table, letters: Sequence[str], interaction: bool
 ) -> "RegressionResultsWrapper":
     """Fit a linear model of ``y`` with sum contrasts; return the results of statsmodels."""
@@ -227,10 +227,10 @@ def _fit_factors(
     return fit
 
 
-def _yield_terms(
-    fit: "RegressionResultsWrapper", names: dict[str, str], scale: float
+def _iterate_terms(
+    fit: "RegressionResultsWrapper", factors_by_letter: dict[str, str], scale: float
 ) -> Iterator[Term]:
-    """Yield the type II tests of a fit; `names` are the factors by their letters."""
+    """Yield the type II tests of a fit; `factors_by_letter` are the factors by their letters."""
     from statsmodels.stats.anova import anova_lm
 
     with warnings.catch_warnings(action="ignore", category=FutureWarning):
@@ -239,7 +239,7 @@ def _yield_terms(
         factors = []
         for part in str(label).split(":"):  # such as C(a, Sum):C(b, Sum)
             letter = part.removeprefix("C(")[0]
-            factors.append(names[letter])
+            factors.append(factors_by_letter[letter])
         squares = float(row["sum_sq"]) * scale**2
         yield make_term(":".join(factors), float(row["df"]), fit.df_resid, squares, float(row["F"]))
 
@@ -265,7 +265,9 @@ def standardise_response(frame: Table, response: str, **names: str) -> Standardi
     return StandardisedResponse(pd.DataFrame(columns).assign(y=standardised), scale, shift)
 
 
-def make_term(name: str, df: float, df_error: float, squares: float, f: float) -> Term:
+def make_term(
+    name: str, df: float, df_error: float, sum_of_squares: float, f_statistic: float
+) -> Term:
     """Complete a line of an analysis of variance from its statistic.
 
     The interval of eta squared follows Steiger, J. H. (2004), Psychological Methods 9, 164-182,
@@ -273,33 +275,33 @@ def make_term(name: str, df: float, df_error: float, squares: float, f: float) -
     """
     from statsmodels.stats.oneway import confint_noncentrality
 
-    interval = confint_noncentrality(f, (df, df_error), alpha=0.05)
+    interval = confint_noncentrality(f_statistic, (df, df_error), alpha=0.05)
     low, high = map(float, interval)
     total = df + df_error + 1.0
     return Term(
         name=name,
         df=df,
         df_error=float(df_error),
-        sum_of_squares=squares,
-        f=f,
-        p=float(stats.f.sf(f, df, df_error)),
-        eta_squared=df * f / (df * f + df_error),
+        sum_of_squares=sum_of_squares,
+        f=f_statistic,
+        p=float(stats.f.sf(f_statistic, df, df_error)),
+        eta_squared=df * f_statistic / (df * f_statistic + df_error),
         eta_low=low / (low + total),
         eta_high=high / (high + total),
     )
 
 
 @cache
-def _find_range_limit(levels: int, df: float) -> float:
+def _compute_studentized_range_limit(levels: int, df: float) -> float:
     """Return the 95 % point of the studentized range; it costs half a second."""
     return float(stats.studentized_range.ppf(0.95, levels, df))
 
 
-def make_interval(
+def make_tukey_interval(
     first: str,
     second: str,
     difference: float,
-    error: float,
+    standard_error: float,
     df: float,
     *,
     levels: int,
@@ -310,29 +312,29 @@ def make_interval(
     All intervals of the family hold together (Tukey); with unequal numbers after Kramer, C. Y.
     (1956), Biometrics 12, 307-310.
     """
-    statistic = abs(difference) / error
+    statistic = abs(difference) / standard_error
     if levels == 2:  # no integral is needed
         limit = float(stats.t.ppf(0.975, df))
         p = float(2.0 * stats.t.sf(statistic, df))
     else:
-        limit = float(_find_range_limit(levels, df) / math.sqrt(2.0))
+        limit = float(_compute_studentized_range_limit(levels, df) / math.sqrt(2.0))
         p = float(stats.studentized_range.sf(statistic * math.sqrt(2.0), levels, df))
     return Interval(
         first,
         second,
         difference,
-        difference - limit * error,
-        difference + limit * error,
+        difference - limit * standard_error,
+        difference + limit * standard_error,
         min(p, 1.0),
         effect_size,
-        error,
+        standard_error,
         df,
     )
 
 
-def compare_all_pairs(
+def iterate_pairwise_intervals(
     levels: Sequence[str],
-    rows: Sequence[Array],
+    mean_rows: Sequence[Array],
     estimate: LinearEstimate,
     count_freedom: Callable[[Array], float],
     *,
@@ -345,7 +347,7 @@ def compare_all_pairs(
     ----------
     levels : sequence of str
         Of the first factor.
-    rows : sequence of ndarray, shape (n,)
+    mean_rows : sequence of ndarray, shape (n,)
         What gives the mean of each level from the `n` parameters.
     estimate : LinearEstimate
         Of the parameters.
@@ -356,12 +358,12 @@ def compare_all_pairs(
     scale : float
         Unit of all these in the unit of the response.
     """
-    means = dict(zip(levels, rows, strict=True))
+    means = dict(zip(levels, mean_rows, strict=True))
     for first, second in itertools.combinations(levels, 2):
         contrast = means[first] - means[second]
         difference = float(contrast @ estimate.parameters)
         error = math.sqrt(contrast @ estimate.covariance @ contrast)
-        yield make_interval(
+        yield make_tukey_interval(
             first,
             second,
             difference * scale,
@@ -372,7 +374,7 @@ def compare_all_pairs(
         )
 
 
-def find_mean_rows(model: Any, data: Table, levels: Sequence[str]) -> list[Array]:
+def build_mean_design_rows(model: Any, data: Table, levels: Sequence[str]) -> list[Array]:
     """Return a row of the design matrix for each level, averaged over the second factor."""
     factors = [letter for letter in ("a", "b") if letter in data]
     cells = data.reset_index(drop=True).drop_duplicates(factors)

@@ -15,12 +15,12 @@ from stepblocks.study.analysis.population import (
     Estimate,
     Grid,
     Population,
-    compare_between,
-    compare_within,
+    compare_between_groups,
+    compare_within_participants,
 )
 from stepblocks.study.analysis.psychometric import (
     Psychometric,
-    compute_weber,
+    compute_weber_fraction,
     fit_psychometric,
 )
 from stepblocks.study.columns import PairOrder
@@ -117,12 +117,12 @@ class Comparisons:
     model: Population | None = None
     constant: tuple[str, ...] = ()
 
-    def leave_out(self, who: str) -> "Comparisons":
+    def drop_participant(self, participant: str) -> "Comparisons":
         """Return what all others say; what the group of all says is not among it."""
         assert self.model is not None
         kept, people = [], []
         for place, member in enumerate(self.people):
-            if member.participant != who:
+            if member.participant != participant:
                 kept.append(place)
                 people.append(member)
         model = Population(self.model.likelihood[kept], self.model.axes)
@@ -134,7 +134,7 @@ class Comparisons:
         return [member.participant for member in self.people]
 
 
-def fit_setting(setting: str, judgements: Table, standard: float) -> Comparisons:
+def fit_comparisons_of_setting(setting: str, judgements: Table, standard: float) -> Comparisons:
     """Fit the curve of each participant in one setting, and the population of several.
 
     Parameters
@@ -161,11 +161,13 @@ def fit_setting(setting: str, judgements: Table, standard: float) -> Comparisons
     heights = hits.columns.to_numpy(float)
     grid = Grid(np.log(heights / standard), hits, tables["count"])
     model = Population(grid.likelihood, grid.axes)
-    middles = model.predict_participants(CurveQuantity.EQUALITY.axis_in_model)
-    widths = model.predict_participants(CurveQuantity.SPREAD.axis_in_model)
+    middles = model.predict_participant_means(CurveQuantity.EQUALITY.axis_in_model)
+    widths = model.predict_participant_means(CurveQuantity.SPREAD.axis_in_model)
     people = []
     for who, middle, width in zip(hits.index, middles, widths, strict=True):
-        people.append(GroupMember(str(who), standard * math.exp(middle), compute_weber(width)))
+        people.append(
+            GroupMember(str(who), standard * math.exp(middle), compute_weber_fraction(width))
+        )
     return Comparisons(
         setting,
         curves,
@@ -198,23 +200,23 @@ def find_constant_answerers(judgements: Table, standard: float) -> tuple[str, ..
     return tuple(found)
 
 
-def try_to_fit_curve(who: str, judgements: Table) -> Curve:
+def try_to_fit_curve(participant: str, judgements: Table) -> Curve:
     """Fit the curve of one participant; without a fit, the curve has the reason."""
     by_level = judgements.groupby("height")["higher"].agg(["sum", "count"])
     levels = tuple(by_level.index.tolist())
     hits = tuple(by_level["sum"].tolist())
     totals = tuple(by_level["count"].tolist())
     try:
-        return Curve(who, levels, hits, totals, fit_psychometric(levels, hits, totals), "")
+        return Curve(participant, levels, hits, totals, fit_psychometric(levels, hits, totals), "")
     except StudyError as error:
-        return Curve(who, levels, hits, totals, None, str(error))
+        return Curve(participant, levels, hits, totals, None, str(error))
 
 
 def compare_settings(quantity: CurveQuantity, first: Comparisons, second: Comparisons) -> Interval:
     """Compare the logarithm of a quantity, within participants where they met both settings."""
     assert first.model is not None
     assert second.model is not None
-    gap = _compare_models(quantity.axis_in_model, first, second)
+    gap = _compare_model_axis(quantity.axis_in_model, first, second)
     return Interval(
         first.setting,
         second.setting,
@@ -228,7 +230,7 @@ def compare_settings(quantity: CurveQuantity, first: Comparisons, second: Compar
     )
 
 
-def _compare_models(axis: int, first: Comparisons, second: Comparisons) -> Estimate:
+def _compare_model_axis(axis: int, first: Comparisons, second: Comparisons) -> Estimate:
     """Compare an axis of the models of two settings, `first` minus `second`."""
     model, facing = first.model, second.model
     assert model is not None
@@ -236,11 +238,11 @@ def _compare_models(axis: int, first: Comparisons, second: Comparisons) -> Estim
     people, facing_people = first.participants, second.participants
     common = sorted(set(people) & set(facing_people))
     if len(common) < 2 or not np.array_equal(model.axes[axis], facing.axes[axis]):
-        return compare_between(model.estimate(axis), facing.estimate(axis))
+        return compare_between_groups(model.estimate(axis), facing.estimate(axis))
     rows = list(map(people.index, common))
     facing_rows = list(map(facing_people.index, common))
-    return compare_within(
-        model.compute_likelihoods(axis)[rows],
-        facing.compute_likelihoods(axis)[facing_rows],
+    return compare_within_participants(
+        model.compute_axis_likelihoods(axis)[rows],
+        facing.compute_axis_likelihoods(axis)[facing_rows],
         model.axes[axis],
     )

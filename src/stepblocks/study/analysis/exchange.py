@@ -11,7 +11,7 @@ from stepblocks.errors import StudyError
 from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.study.analysis.foreign import DESCRIPTIONS
 from stepblocks.study.analysis.judgements import STAMPS
-from stepblocks.study.columns import Row, group_by_participant, list_factors
+from stepblocks.study.columns import Row, group_rows_by_participant, list_factor_columns
 from stepblocks.study.design.plan import Plan, read_plan
 from stepblocks.study.design.read import SheetRow, TrialKey, read_all_answers, read_design
 from stepblocks.study.design.sheet import write_without_replacing
@@ -70,7 +70,7 @@ class _Dataset:
         files = {
             "dataset_description.json": self._format_dataset_description(),
             "README": f"{self.title}. {_ROWS} Lengths are in micrometres.\n",
-            "participants.tsv": self._format_participants(),
+            "participants.tsv": self._format_participant_table(),
             "participants.json": _format_json(
                 {"name": {"Description": "name of the participant in the design"}}
             ),
@@ -79,7 +79,7 @@ class _Dataset:
         for who, rows in self.people.items():
             label = f"sub-{self.labels[who]}"
             name = f"{label}/beh/{label}_task-{self.experiment}_beh.tsv"
-            files[name] = self._format_rows(rows)
+            files[name] = self._format_judgements(rows)
         return files
 
     def _format_dataset_description(self) -> str:
@@ -97,7 +97,7 @@ class _Dataset:
         description["GeneratedBy"] = [{"Name": "stepblocks", "Version": version("stepblocks")}]
         return _format_json(description)
 
-    def _format_participants(self) -> str:
+    def _format_participant_table(self) -> str:
         """Return the text of participants.tsv."""
         lines = ["participant_id\tname\n"]
         for who, label in self.labels.items():
@@ -118,7 +118,7 @@ class _Dataset:
             description[name] = column
         return _format_json(description)
 
-    def _format_rows(self, rows: Sequence[Row]) -> str:
+    def _format_judgements(self, rows: Sequence[Row]) -> str:
         """Write the judgements of one participant."""
         lines = [self.columns]
         for row in rows:
@@ -186,7 +186,7 @@ def share_study(
         raise StudyError(f"form must be one of {', '.join(FORMATS)}, got {form!r}")
     design = read_design(Path(folder) / "design.csv")
     experiment = design[0]["experiment"]
-    people = _list_judgements(design, read_all_answers(answers, experiment, layout=layout))
+    people = _collect_answered_trials(design, read_all_answers(answers, experiment, layout=layout))
     if not people:
         raise StudyError("the answers must belong to the design, got none that does")
     credit = _Credit(authors, licence)
@@ -196,7 +196,7 @@ def share_study(
     return sorted(files)
 
 
-def _list_judgements(
+def _collect_answered_trials(
     design: Sequence[Row], answers: Sequence[SheetRow]
 ) -> dict[str, list[dict[str, str]]]:
     """Return the answered trials of each participant, each with its answers and stamps."""
@@ -205,7 +205,7 @@ def _list_judgements(
     for name in STAMPS:
         if any(cells.get(name) for cells in answer_to.values()):
             stamps.append(name)
-    columns = _choose_columns(design[0])
+    columns = _list_dataset_columns(design[0])
     kind = EXPERIMENTS[design[0]["experiment"]]
     rows = []
     for trial in design:
@@ -216,17 +216,17 @@ def _list_judgements(
         for name in (*kind.answers, *stamps):
             row[name] = answer.get(name, "")
         rows.append(row)
-    return group_by_participant(rows)
+    return group_rows_by_participant(rows)
 
 
-def _choose_columns(trial: Row) -> list[str]:
+def _list_dataset_columns(trial: Row) -> list[str]:
     """Return the columns of a design that a dataset has; without a standard, none of it."""
     paired = EXPERIMENTS[trial["experiment"]].paired
     columns = []
     for name in DESCRIPTIONS:
         if name in trial and (paired or not name.startswith("standard")):
             columns.append(name)
-    columns += list_factors(trial)
+    columns += list_factor_columns(trial)
     return columns
 
 

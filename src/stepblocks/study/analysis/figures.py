@@ -19,7 +19,7 @@ from stepblocks.study.analysis.accuracy import Measure
 from stepblocks.study.analysis.comparisons import Comparisons, Curve
 from stepblocks.study.analysis.findings import Analysis
 from stepblocks.study.analysis.psychometric import Psychometric
-from stepblocks.study.analysis.repeated import average_participants
+from stepblocks.study.analysis.repeated import tabulate_participant_means
 
 Figure: TypeAlias = Any  # a figure of matplotlib, which is loaded when it draws
 
@@ -112,7 +112,7 @@ def draw_study_figures(result: Analysis) -> Iterator[StudyFigure]:
     from matplotlib.rcsetup import cycler
 
     colours = cycler(color=[look.colour for look in _LOOKS])
-    for drawing in _yield_drawings(result):
+    for drawing in _iterate_drawings(result):
         with mpl.rc_context({"font.size": 8, "axes.prop_cycle": colours}):
             figure = Figure(figsize=_SIZE, layout="constrained")
             FigureCanvasAgg(figure)
@@ -123,19 +123,19 @@ def draw_study_figures(result: Analysis) -> Iterator[StudyFigure]:
 def draw_main_figure(result: Analysis, ax: "Axes | None" = None) -> "Axes":
     """Draw the first figure of a study, which has one pair of axes, where it is wanted."""
     axes = take_axes(ax)
-    main = next(_yield_drawings(result))
+    main = next(_iterate_drawings(result))
     main.draw(SimpleNamespace(subplots=lambda: axes), result)
     return axes
 
 
-def _yield_drawings(result: Analysis) -> Iterator[_Drawing]:
+def _iterate_drawings(result: Analysis) -> Iterator[_Drawing]:
     """Yield the kinds of figures that an analysis has data for."""
     for drawing in _DRAWINGS:
         if drawing.has_data(result):
             yield drawing
 
 
-def _choose_look(index: int) -> _Look:
+def _get_condition_look(index: int) -> _Look:
     """Return marker, dash and colour of a condition by its number; they repeat."""
     return _LOOKS[index % len(_LOOKS)]
 
@@ -147,9 +147,11 @@ def _draw_estimates(figure: Figure, result: Analysis) -> Table:
     top = float(max(frame["height"].max(), frame["estimate"].max())) * 1e6
     axes.plot([0, top], [0, top], color=_LINE, lw=1, label="true height")
     means = compute_intervals_within(
-        frame.assign(height_um=_list_heights_um(frame), estimate_um=1e6 * frame["estimate"])
+        frame.assign(height_um=_convert_heights_to_um(frame), estimate_um=1e6 * frame["estimate"])
     )
-    judgements = (1e6 * frame["estimate"]).groupby([frame["condition"], _list_heights_um(frame)])
+    judgements = (1e6 * frame["estimate"]).groupby(
+        [frame["condition"], _convert_heights_to_um(frame)]
+    )
     means = means.merge(judgements.std().rename("sd_um").reset_index())
     middle = 0.5 * (means["condition"].nunique() - 1)
     for index, (name, condition) in enumerate(means.groupby("condition")):
@@ -157,7 +159,7 @@ def _draw_estimates(figure: Figure, result: Analysis) -> Table:
             condition["height_um"] + (index - middle) * _SIDE_BY_SIDE * top,
             condition["mean_um"],
             condition["half_width_um"].fillna(0.0),
-            fmt=_choose_look(index).line_format,
+            fmt=_get_condition_look(index).line_format,
             ms=4,
             lw=1.2,
             capsize=3,
@@ -208,7 +210,7 @@ def compute_intervals_within(frame: Table) -> Table:
     return table[["condition", "height_um", "mean_um", "half_width_um"]]
 
 
-def _list_heights_um(frame: Table) -> pd.Series:
+def _convert_heights_to_um(frame: Table) -> pd.Series:
     """Return the heights of judgements in micrometres."""
     return (1e6 * frame["height"]).rename("height_um")
 
@@ -218,7 +220,7 @@ def _draw_participants(figure: Figure, result: Analysis) -> Table:
     tables = []
     panels = np.atleast_1d(figure.subplots(1, len(result.measures)))
     for axes, measure in zip(panels, result.measures, strict=True):
-        table = _average_in_micrometres(measure)
+        table = _average_participants_in_um(measure)
         groups = _draw_participant_lines(axes, measure, table)
         axes.set(ylabel=measure.label, xlim=(-0.4, table.shape[1] - 0.4))
         long = pd.DataFrame({"value": table.stack()}).reset_index()
@@ -236,9 +238,9 @@ def _draw_participants(figure: Figure, result: Analysis) -> Table:
     return together
 
 
-def _average_in_micrometres(measure: Measure) -> Table:
+def _average_participants_in_um(measure: Measure) -> Table:
     """Return the mean of each participant (rows) in each condition (columns), in um or ln(um)."""
-    means: Table = average_participants(measure.frame)
+    means: Table = tabulate_participant_means(measure.frame)
     in_micrometres: Table = means * 1e6
     if measure.is_logarithmic:
         in_micrometres = means + np.log(1e6)
@@ -257,7 +259,7 @@ def _draw_participant_lines(axes: Any, measure: Measure, table: Table) -> "pd.In
         groups_of_rows = firsts["group"]
     numbers, groups = pd.factorize(groups_of_rows, sort=True)
     for number, (who, row) in zip(numbers.tolist(), table.iterrows(), strict=True):
-        look = _choose_look(number)
+        look = _get_condition_look(number)
         axes.plot(
             x,
             row,
@@ -288,7 +290,7 @@ def _draw_ratings(figure: Figure, result: Analysis) -> Table:
             shares[name],
             width,
             label=str(name),
-            hatch=_choose_look(index).hatch,
+            hatch=_get_condition_look(index).hatch,
             edgecolor="white",
         )
     axes.set_xticks(shares.index)
@@ -302,8 +304,8 @@ def _draw_curves(figure: Figure, result: Analysis) -> Table:
     axes = figure.subplots()
     rows = []
     for index, setting in enumerate(result.comparisons):
-        look = _choose_look(index)
-        levels = np.array(sorted(_list_levels(setting)))
+        look = _get_condition_look(index)
+        levels = np.array(sorted(_collect_heights(setting)))
         x = np.geomspace(0.8 * levels.min(), 1.2 * levels.max(), _CURVE_POINTS)
         for curve in setting.curves:
             _draw_curve(axes, curve, x, look)
@@ -317,50 +319,54 @@ def _draw_curves(figure: Figure, result: Analysis) -> Table:
     return pd.DataFrame(rows, columns=["setting", "participant", "height_um", "higher", "trials"])
 
 
-def _list_levels(setting: Comparisons) -> set[float]:
+def _collect_heights(setting: Comparisons) -> set[float]:
     """Return all heights of a setting [m]."""
     return set(itertools.chain.from_iterable(curve.levels for curve in setting.curves))
 
 
-def _draw_curve(axes: Any, curve: Curve, x: Array, look: _Look) -> None:
-    """Draw the answers of a participant, and the curve over heights `x` [m] if it is fitted."""
+def _draw_curve(axes: Any, curve: Curve, curve_heights: Array, look: _Look) -> None:
+    """Draw the answers of a participant, and any fitted curve over heights `curve_heights` [m]."""
     shares = np.array(curve.hits) / np.array(curve.totals)
     heights = np.array(curve.levels) * 1e6
     axes.plot(heights, shares, look.marker, ms=3, alpha=0.5, color=look.colour)
     if curve.fit is None:
         return
-    y = _predict_higher(curve.fit, x)
-    axes.plot(x * 1e6, y, color=look.colour, lw=0.7, alpha=0.6)
-    axes.text(x[-1] * 1e6, y[-1], f" {curve.who}", fontsize=6, va="center")
+    y = _predict_share_higher(curve.fit, curve_heights)
+    axes.plot(curve_heights * 1e6, y, color=look.colour, lw=0.7, alpha=0.6)
+    axes.text(curve_heights[-1] * 1e6, y[-1], f" {curve.who}", fontsize=6, va="center")
 
 
-def _predict_higher(fit: Psychometric, x: Array) -> Array:
-    """Predict the probability of an answer "higher" at heights `x` [m]."""
+def _predict_share_higher(fit: Psychometric, heights: Array) -> Array:
+    """Predict the probability of an answer "higher" at heights `heights` [m]."""
     from scipy.special import ndtr
 
-    rising = ndtr(np.log(x / fit.threshold.value) / fit.spread)
+    rising = ndtr(np.log(heights / fit.threshold.value) / fit.spread)
     return np.asarray(fit.lapse + (1.0 - 2.0 * fit.lapse) * rising)
 
 
-def _draw_mean_curve(axes: Any, setting: Comparisons, x: Array, look: _Look) -> None:
-    """Draw the curve of the mean participant over heights `x` [m], if there is one."""
+def _draw_mean_curve(axes: Any, setting: Comparisons, curve_heights: Array, look: _Look) -> None:
+    """Draw the curve of the mean participant over heights `curve_heights` [m], if there is one."""
     from scipy.special import ndtr
 
     if setting.equal is None or setting.spread is None:
         return
-    distance = (np.log(x / setting.standard) - setting.equal.value) / np.exp(setting.spread.value)
+    distance = (np.log(curve_heights / setting.standard) - setting.equal.value) / np.exp(
+        setting.spread.value
+    )
     label = setting.setting or "mean participant"
-    axes.plot(x * 1e6, ndtr(distance), look.dash, color=look.colour, lw=2.4, label=label)
+    axes.plot(
+        curve_heights * 1e6, ndtr(distance), look.dash, color=look.colour, lw=2.4, label=label
+    )
 
 
 def _draw_magnitudes(figure: Figure, result: Analysis) -> Table:
     """Draw the geometric means of magnitudes against the height, a line for each participant."""
     axes = figure.subplots()
     frame = result.frame
-    cells = [frame["condition"], frame["participant"], _list_heights_um(frame)]
+    cells = [frame["condition"], frame["participant"], _convert_heights_to_um(frame)]
     means: Table = np.exp(np.log(frame["magnitude"]).groupby(cells).mean()).reset_index()
     for index, (name, condition) in enumerate(means.groupby("condition")):
-        look = _choose_look(index)
+        look = _get_condition_look(index)
         style = {"color": look.colour, "ms": 3, "lw": 1}
         axes.plot([], [], look.line_format, label=name, **style)
         for _, participant in condition.groupby("participant"):

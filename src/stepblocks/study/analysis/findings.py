@@ -52,7 +52,7 @@ class ContrastTest:
     @property
     def name(self) -> str:
         """Name of the outcome."""
-        return name_contrast(self.quantity, self.interval.first, self.interval.second)
+        return format_contrast_name(self.quantity, self.interval.first, self.interval.second)
 
     @property
     def p(self) -> float:
@@ -136,9 +136,9 @@ class Analysis:
 
     def differences(self) -> dict[str, Interval]:
         """Return the planned tests of two settings by their names."""
-        return {test.name: test.interval for test in self.yield_contrasts()}
+        return {test.name: test.interval for test in self.iterate_contrast_tests()}
 
-    def yield_contrasts(self) -> Iterator[ContrastTest]:
+    def iterate_contrast_tests(self) -> Iterator[ContrastTest]:
         """Yield the planned tests of two settings."""
         for quantity, family in self.contrasts.items():
             for interval in family:
@@ -146,7 +146,7 @@ class Analysis:
         for interval in self.exponents:
             yield ContrastTest(EXPONENT, interval)
 
-    def list_tests(self) -> dict[str, PlannedTest]:
+    def collect_planned_tests(self) -> dict[str, PlannedTest]:
         """Return all planned tests by their names."""
         tests = dict[str, PlannedTest]()
         for measure in self.measures:
@@ -154,18 +154,18 @@ class Analysis:
                 tests[measure.name] = MeasureTest(measure, measure.corrected.p)
         for name, fit in self.ordinal.items():
             tests[name] = RatingTest(name, fit)
-        for contrast in self.yield_contrasts():
+        for contrast in self.iterate_contrast_tests():
             tests[contrast.name] = contrast
         return tests
 
-    def find_tested(self, primary: str = "") -> tuple[Finding, ...]:
+    def summarise_findings(self, primary: str = "") -> tuple[Finding, ...]:
         """Return what the planned tests found, the primary outcome first.
 
         Without the outcome that is named as `primary`, the absolute error is the primary outcome,
         or else the first of all. Tests without a probability are no secondary outcomes.
         """
-        tests = self.list_tests()
-        first = _choose_primary(tests, primary)
+        tests = self.collect_planned_tests()
+        first = _choose_primary_test(tests, primary)
         if first is None:
             return ()
         findings = [Finding(first.name, first.p, first.p, primary=True, test=first)]
@@ -179,7 +179,7 @@ class Analysis:
         return tuple(findings)
 
 
-def _choose_primary(tests: Mapping[str, PlannedTest], primary: str) -> PlannedTest | None:
+def _choose_primary_test(tests: Mapping[str, PlannedTest], primary: str) -> PlannedTest | None:
     """Return the test of the primary outcome; None without tests."""
     for name in (primary, ANSWER, *tests):
         if name in tests:
@@ -187,7 +187,7 @@ def _choose_primary(tests: Mapping[str, PlannedTest], primary: str) -> PlannedTe
     return None
 
 
-def name_contrast(quantity: str, first: str, second: str) -> str:
+def format_contrast_name(quantity: str, first: str, second: str) -> str:
     """Name the planned test of a quantity between two settings."""
     if quantity == EXPONENT:
         return f"{quantity}, {first} minus {second}"

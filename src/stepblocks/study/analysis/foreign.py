@@ -15,11 +15,11 @@ from stepblocks.study.columns import (
     RATINGS,
     NamedColumns,
     Row,
-    list_factors,
-    name_setting,
+    format_setting_name,
+    list_factor_columns,
     read_number_or_nan,
 )
-from stepblocks.study.design.read import SheetRow, find_sheets, read_rows
+from stepblocks.study.design.read import SheetRow, find_answer_tables, read_sheet_rows
 from stepblocks.study.experiments.registry import ALIASES, EXPERIMENTS
 from stepblocks.study.programs.records import AnswerSearch
 
@@ -83,45 +83,50 @@ def read_foreign_judgements(
     if experiment not in EXPERIMENTS:
         raise StudyError(f"experiment must be one of {', '.join(EXPERIMENTS)}, got {experiment!r}")
     for name in columns:
-        _check_name(name)
+        _check_column_name(name)
     names = NamedColumns(columns)
     participant = names.get_table_name("participant")
     called = (participant, names.get_table_name("condition"))
     search = AnswerSearch(EXPERIMENTS[experiment].answers, names)
     rows = list[SheetRow]()
-    for path in find_sheets(tables):
-        rows += read_rows(
-            path, [participant], names=called, search=search, pattern=wide, layout=layout
+    for path in find_answer_tables(tables):
+        rows += read_sheet_rows(
+            path,
+            [participant],
+            name_columns=called,
+            search=search,
+            wide_pattern=wide,
+            layout=layout,
         )
     _refuse_copied_rows(rows, {names.get_table_name("trial"), "repetition", "time"})
     _refuse_copied_tables(rows, participant)
-    translated = [_translate_row(row, names) for row in rows]
+    translated = [_translate_to_our_columns(row, names) for row in rows]
     _refuse_partial_columns(translated)
-    crossed = _cross_factors(translated, names, experiment)
-    pairs = [Judgement(row.cells, row) for row in _number_rows(crossed, experiment)]
+    crossed = _cross_condition_with_factors(translated, names, experiment)
+    pairs = [Judgement(row.cells, row) for row in _iterate_numbered_rows(crossed, experiment)]
     judgements = make_judgements(experiment, pairs, ratings, {})
-    return replace(judgements, remarks=tuple(_describe_unused(rows, names)))
+    return replace(judgements, remarks=tuple(_describe_unused_columns(rows, names)))
 
 
-def _check_name(name: str) -> None:
+def _check_column_name(column: str) -> None:
     """Reject a name of a column that no kind of judgements has."""
-    if name == PROBE or name.startswith(FACTOR):
+    if column == PROBE or column.startswith(FACTOR):
         return
-    if re.sub("_(mm|m)$", "_um", name) not in DESCRIPTIONS:
+    if re.sub("_(mm|m)$", "_um", column) not in DESCRIPTIONS:
         known = ", ".join((*DESCRIPTIONS, PROBE, f"{FACTOR}..."))
-        raise StudyError(f"columns must be named for {known}, got {name!r}")
+        raise StudyError(f"columns must be named for {known}, got {column!r}")
 
 
-def _number_rows(rows: Sequence[SheetRow], experiment: str) -> Iterator[SheetRow]:
+def _iterate_numbered_rows(rows: Sequence[SheetRow], experiment: str) -> Iterator[SheetRow]:
     """Yield translated rows with the trial, repetition and block of each."""
     trials = Counter[str]()
     repetitions = Counter[tuple[str, str, str]]()
     for row in rows:
         cells = {"condition": EXPERIMENTS[experiment].default_condition, **row.cells}
-        _check_cells(cells, row.place, experiment)
+        _check_foreign_row(cells, row.place, experiment)
         cells.setdefault("stimulus", f"step-{read_number_or_nan(cells['height_um']):03.6g}")
         trials[cells["participant"]] += 1
-        setting = name_setting(cells)
+        setting = format_setting_name(cells)
         cell = (cells["participant"], f"{cells['condition']} {setting}", cells["stimulus"])
         repetitions[cell] += 1
         numbered = {
@@ -133,20 +138,20 @@ def _number_rows(rows: Sequence[SheetRow], experiment: str) -> Iterator[SheetRow
         yield SheetRow(numbered, row.file, row.line)
 
 
-def _translate_row(row: SheetRow, names: NamedColumns) -> SheetRow:
+def _translate_to_our_columns(row: SheetRow, names: NamedColumns) -> SheetRow:
     """Return a foreign row in our columns, declared factors last."""
     cells = dict[str, str]()
     for column in DESCRIPTIONS:
         text = names.read_cell(row.cells, column)
         if text is not None:
             cells[column] = text
-    cells |= _read_factors(row.cells, names)
+    cells |= _read_factor_levels(row.cells, names)
     return SheetRow(cells, row.file, row.line)
 
 
-def _read_factors(row: Row, names: NamedColumns) -> dict[str, str]:
+def _read_factor_levels(row: Row, names: NamedColumns) -> dict[str, str]:
     """Read the levels of declared factors: of columns named so, and of those that are mapped."""
-    levels = {name: row[name] for name in list_factors(row)}
+    levels = {name: row[name] for name in list_factor_columns(row)}
     taken = set(names.named.values())
     if PROBE in row and PROBE not in taken:
         levels[FACTOR + PROBE] = row[PROBE]
@@ -176,7 +181,7 @@ def _refuse_partial_columns(rows: Sequence[SheetRow]) -> None:
                 )
 
 
-def _cross_factors(
+def _cross_condition_with_factors(
     rows: Sequence[SheetRow], names: NamedColumns, experiment: str
 ) -> Sequence[SheetRow]:
     """Cross the condition with every factor within participants that it does not hold.
@@ -187,53 +192,57 @@ def _cross_factors(
     """
     if EXPERIMENTS[experiment].paired or not rows:
         return rows
-    within = _list_factors_within(rows)
+    within = _list_factors_within_participants(rows)
     if not within:
         return rows
     if "condition" not in rows[0].cells:
-        return [_join_condition(row, within) for row in rows]
+        return [_join_factors_to_condition(row, within) for row in rows]
     beside = [name for name in within if not _is_fixed_by_condition(rows, name)]
     if not beside:
         return rows
     own = FACTOR + names.get_table_name("condition").removeprefix(FACTOR)
     if own not in within:
-        rows = [_copy_condition(row, own) for row in rows]
-    return [_join_condition(row, ["condition", *beside]) for row in rows]
+        rows = [_copy_condition_to_factor(row, own) for row in rows]
+    return [_join_factors_to_condition(row, ["condition", *beside]) for row in rows]
 
 
-def _copy_condition(row: SheetRow, factor: str) -> SheetRow:
+def _copy_condition_to_factor(row: SheetRow, factor: str) -> SheetRow:
     """Give a row its condition as a factor, too."""
     return SheetRow({**row.cells, factor: row.cells["condition"]}, row.file, row.line)
 
 
-def _join_condition(row: SheetRow, factors: Sequence[str]) -> SheetRow:
+def _join_factors_to_condition(row: SheetRow, factors: Sequence[str]) -> SheetRow:
     """Give a row the crossed levels of some factors as its condition."""
     condition = "/".join(row.cells[name] for name in factors)
     return SheetRow({**row.cells, "condition": condition}, row.file, row.line)
 
 
-def _list_factors_within(rows: Sequence[SheetRow]) -> list[str]:
+def _list_factors_within_participants(rows: Sequence[SheetRow]) -> list[str]:
     """List the factors of which some participant meets several levels."""
-    return [name for name in list_factors(rows[0].cells) if _varies_within_participant(rows, name)]
+    return [
+        name
+        for name in list_factor_columns(rows[0].cells)
+        if _varies_within_participant(rows, name)
+    ]
 
 
-def _varies_within_participant(rows: Sequence[SheetRow], name: str) -> bool:
+def _varies_within_participant(rows: Sequence[SheetRow], factor: str) -> bool:
     """Return whether a participant meets several levels of a factor."""
     levels = dict[str, set[str]]()
     for row in rows:
-        levels.setdefault(row.cells.get("participant", ""), set()).add(row.cells[name])
+        levels.setdefault(row.cells.get("participant", ""), set()).add(row.cells[factor])
     return any(len(met) > 1 for met in levels.values())
 
 
-def _is_fixed_by_condition(rows: Sequence[SheetRow], name: str) -> bool:
+def _is_fixed_by_condition(rows: Sequence[SheetRow], factor: str) -> bool:
     """Return whether the level of a factor follows from the condition in all rows."""
     levels = dict[str, set[str]]()
     for row in rows:
-        levels.setdefault(row.cells["condition"], set()).add(row.cells[name])
+        levels.setdefault(row.cells["condition"], set()).add(row.cells[factor])
     return all(len(met) == 1 for met in levels.values())
 
 
-def _describe_unused(rows: Sequence[SheetRow], names: NamedColumns) -> Iterator[str]:
+def _describe_unused_columns(rows: Sequence[SheetRow], names: NamedColumns) -> Iterator[str]:
     """Name columns that split the judgements and are in no model."""
     used = {PROBE, *names.named.values()}
     for name in DESCRIPTIONS:
@@ -257,7 +266,7 @@ def _describe_unused(rows: Sequence[SheetRow], names: NamedColumns) -> Iterator[
             )
 
 
-def _check_cells(cells: Row, place: str, experiment: str) -> None:
+def _check_foreign_row(cells: Row, place: str, experiment: str) -> None:
     """Reject a row that lacks what every judgement has, or has a height in another unit.
 
     An answer may be empty, but its column must be there.
@@ -272,7 +281,7 @@ def _check_cells(cells: Row, place: str, experiment: str) -> None:
     if lacking:
         raise StudyError(
             f"a table must have {', '.join(needed)} (name yours by --columns), got no "
-            f"{', '.join(lacking)}{_advise_to_melt(lacking)} [{place}]"
+            f"{', '.join(lacking)}{_format_melt_advice(lacking)} [{place}]"
         )
     for name in ("height_um", "standard_height_um"):
         height = read_number_or_nan(cells.get(name, cells["height_um"]))
@@ -283,7 +292,7 @@ def _check_cells(cells: Row, place: str, experiment: str) -> None:
             )
 
 
-def _advise_to_melt(lacking: Sequence[str]) -> str:
+def _format_melt_advice(lacking: Sequence[str]) -> str:
     """Say how a table with a column for each condition gets a row for each judgement."""
     if "height_um" not in lacking or len(lacking) < 2:
         return ""
@@ -293,27 +302,27 @@ def _advise_to_melt(lacking: Sequence[str]) -> str:
     )
 
 
-def _refuse_copied_rows(rows: Sequence[SheetRow], numbers: set[str]) -> None:
-    """Reject numbered rows that stand twice; `numbers` are columns that number them.
+def _refuse_copied_rows(rows: Sequence[SheetRow], numbering_columns: set[str]) -> None:
+    """Reject numbered rows that stand twice; `numbering_columns` are columns that number them.
 
     Without numbers, rows of one participant that are alike may be judgements that agree.
     """
     first = dict[tuple[str, ...], SheetRow]()
     for row in rows:
         texts = tuple(row.cells.values())
-        if texts in first and numbers & set(row.cells):
+        if texts in first and numbering_columns & set(row.cells):
             raise StudyError(
                 f"a row must not stand twice [{row.place}; first {first[texts].place}]"
             )
         first.setdefault(texts, row)
 
 
-def _refuse_copied_tables(rows: Sequence[SheetRow], participant: str) -> None:
-    """Reject tables in which everybody's rows follow twice; `participant` is their column."""
+def _refuse_copied_tables(rows: Sequence[SheetRow], participant_column: str) -> None:
+    """Reject tables in which everybody's rows follow twice, found by `participant_column`."""
     by_participant = dict[str, list[tuple[str, ...]]]()
     for row in rows:
         texts = tuple(row.cells.values())
-        by_participant.setdefault(row.cells[participant], []).append(texts)
+        by_participant.setdefault(row.cells[participant_column], []).append(texts)
     if all(_repeats_first_half(texts) for texts in by_participant.values()):
         raise StudyError(f"the {len(rows) // 2} rows of a table must not stand twice")
 

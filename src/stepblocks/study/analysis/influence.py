@@ -19,7 +19,10 @@ from stepblocks.study.analysis.findings import (
     RatingTest,
 )
 from stepblocks.study.analysis.ordinal import fit_ordinal_model
-from stepblocks.study.analysis.repeated import average_participants, compare_participants
+from stepblocks.study.analysis.repeated import (
+    compare_conditions_within_participants,
+    tabulate_participant_means,
+)
 
 _FEWEST = 3  # participants of whom one can be left out
 
@@ -33,7 +36,7 @@ class Influence:
     interval: Interval
 
 
-def leave_out_each(analysis: Analysis, findings: Sequence[Finding]) -> Iterator[Influence]:
+def iterate_influences(analysis: Analysis, findings: Sequence[Finding]) -> Iterator[Influence]:
     """Yield the differences of every planned test without each participant.
 
     Where the others cannot carry the analysis, there is none.
@@ -41,7 +44,7 @@ def leave_out_each(analysis: Analysis, findings: Sequence[Finding]) -> Iterator[
     people = sorted(analysis.frame["participant"].unique())
     if len(people) < _FEWEST:
         return
-    remaining = _Others(analysis)
+    remaining = _AllButOneParticipant(analysis)
     for finding in findings:
         for who in people:
             with suppress(StudyError):
@@ -49,7 +52,7 @@ def leave_out_each(analysis: Analysis, findings: Sequence[Finding]) -> Iterator[
                     yield Influence(finding.test, who, interval)
 
 
-class _Others:
+class _AllButOneParticipant:
     """The judgements of all participants but one."""
 
     def __init__(self, analysis: Analysis) -> None:
@@ -57,48 +60,48 @@ class _Others:
         # one fit of the others serves every pair of settings; by setting and participant
         self._settings: dict[tuple[str, str], Comparisons] = {}
 
-    def compare_without(self, test: PlannedTest, who: str) -> Sequence[Interval]:
-        """Return the differences of a planned test without the participant `who`."""
+    def compare_without(self, test: PlannedTest, participant: str) -> Sequence[Interval]:
+        """Return the differences of a planned test without the participant `participant`."""
         if isinstance(test, MeasureTest):
-            means = average_participants(test.measure.frame)
-            return compare_participants(means.drop(who, errors="ignore"))
+            means = tabulate_participant_means(test.measure.frame)
+            return compare_conditions_within_participants(means.drop(participant, errors="ignore"))
         if isinstance(test, RatingTest):
-            return self._compare_ratings(test, who)
+            return self._compare_ratings(test, participant)
         if test.is_logarithmic:
-            return [self._compare_settings(test, who)]
-        return self._compare_exponents(test, who)
+            return [self._compare_settings(test, participant)]
+        return self._compare_exponents(test, participant)
 
-    def _compare_ratings(self, test: RatingTest, who: str) -> Sequence[Interval]:
+    def _compare_ratings(self, test: RatingTest, participant: str) -> Sequence[Interval]:
         """Return the odds of ratings of the others."""
         frame = self._analysis.frame
-        remaining = frame[frame["participant"] != who]
+        remaining = frame[frame["participant"] != participant]
         model = test.fit.model
         fit = fit_ordinal_model(
             remaining, model.rating, model.condition, model.participant, model.beside
         )
         return fit.effects
 
-    def _compare_settings(self, test: ContrastTest, who: str) -> Interval:
+    def _compare_settings(self, test: ContrastTest, participant: str) -> Interval:
         """Return the difference of comparisons of the others."""
         pair = []
         for setting in self._analysis.comparisons:
             if test.interval.involves(setting.setting):
-                pair.append(self._leave_out(setting, who))
+                pair.append(self._get_setting_without(setting, participant))
         first, second = pair
         return compare_settings(CurveQuantity(test.quantity), first, second)
 
-    def _leave_out(self, setting: Comparisons, who: str) -> Comparisons:
+    def _get_setting_without(self, setting: Comparisons, participant: str) -> Comparisons:
         """Return a setting without a participant; the fit is made once."""
-        key = (setting.setting, who)
+        key = (setting.setting, participant)
         if key not in self._settings:
-            self._settings[key] = setting.leave_out(who)
+            self._settings[key] = setting.drop_participant(participant)
         return self._settings[key]
 
-    def _compare_exponents(self, test: ContrastTest, who: str) -> Sequence[Interval]:
+    def _compare_exponents(self, test: ContrastTest, participant: str) -> Sequence[Interval]:
         """Return the difference of exponents of the others, if they met both conditions."""
-        table = tabulate_exponents(self._analysis).drop(who, errors="ignore")
+        table = tabulate_exponents(self._analysis).drop(participant, errors="ignore")
         intervals = []
-        for interval in compare_participants(table):
+        for interval in compare_conditions_within_participants(table):
             if (interval.first, interval.second) == (test.interval.first, test.interval.second):
                 intervals.append(interval)
         return intervals

@@ -21,11 +21,11 @@ from stepblocks.study.columns import (
     WHEN,
     PairOrder,
     Row,
-    list_factors,
+    list_factor_columns,
     read_number_or_nan,
 )
-from stepblocks.study.design.read import SheetRow, TrialKey, index_by_trial, read_rows
-from stepblocks.study.design.sheet import blind_row
+from stepblocks.study.design.read import SheetRow, TrialKey, index_by_trial, read_sheet_rows
+from stepblocks.study.design.sheet import make_blinded_row
 from stepblocks.study.experiments.kind import Experiment
 from stepblocks.study.experiments.registry import EXPERIMENTS
 
@@ -77,7 +77,7 @@ class Judgements:
     left: tuple[str, ...]
     remarks: tuple[str, ...] = ()
 
-    def notes(self) -> list[str]:
+    def list_notes(self) -> list[str]:
         """Describe what is missing, and how it was treated."""
         people = self.frame["participant"].nunique()
         lines = [f"{len(self.frame)} judgements of {people} participants."]
@@ -89,7 +89,7 @@ class Judgements:
         if self.missing:
             lines.append(self._describe_missing())
         lines += self.remarks
-        lines += self._describe_conditions()
+        lines += self._describe_lacking_conditions()
         value = EXPERIMENTS[self.experiment].value
         return lines + describe_unusual_participants(self.frame, value)
 
@@ -105,7 +105,7 @@ class Judgements:
             "models are fitted to the others, which is right if they are missing at random."
         )
 
-    def _describe_conditions(self) -> Iterator[str]:
+    def _describe_lacking_conditions(self) -> Iterator[str]:
         """Name participants who lack a condition, unless each condition has its own group."""
         met = self.frame.groupby("participant", sort=False)["condition"].unique()
         if not met.map(len).max() > 1:
@@ -129,7 +129,7 @@ class Judgements:
         if path is None:
             return self
         group = {}
-        for row in read_rows(Path(path), ("participant", "group"), layout=layout):
+        for row in read_sheet_rows(Path(path), ("participant", "group"), layout=layout):
             group[row.cells["participant"]] = row.cells["group"]
         lacking = sorted(set(self.frame["participant"]) - set(group))
         if lacking:
@@ -138,7 +138,7 @@ class Judgements:
                 f"{', '.join(lacking[:_FEW])} [{path}]"
             )
         grouped = self.frame.assign(group=self.frame["participant"].map(group))
-        return replace(self, frame=separate_factors_between_participants(grouped))
+        return replace(self, frame=convert_between_factors_to_group(grouped))
 
     def analyse(
         self,
@@ -167,12 +167,12 @@ class Judgements:
         known = sorted(self.frame["condition"].unique())
         if reference and reference not in known:
             raise StudyError(f"reference must be one of {', '.join(known)}, got {reference!r}")
-        notes = tuple(self.notes())
+        notes = tuple(self.list_notes())
         frame = self.frame
         if covariate:
             frame = frame.assign(**{ORDER: _read_trial_numbers(frame) / _TRIALS_OF_SLOPE})
         analysis = EXPERIMENTS[self.experiment].analyse(frame, margin)
-        tests = [finding.name for finding in analysis.find_tested()]
+        tests = [finding.name for finding in analysis.summarise_findings()]
         if primary and primary not in tests:
             raise StudyError(f"primary must be one of {'; '.join(tests)}, got {primary!r}")
         return StudyResult.from_analysis(analysis, self.experiment, notes, primary, reference)
@@ -218,7 +218,7 @@ def join_answers(
     mistakes = list[Mistake]()
     for key, answer in index_by_trial(answers).items():
         try:
-            _check_trial(planned.get(key), answer)
+            _check_answer_matches_trial(planned.get(key), answer)
         except StepblocksError as error:
             mistakes.append(Mistake(answer, str(error)))
         else:
@@ -230,14 +230,14 @@ def join_answers(
     return make_judgements(experiment, pairs, ratings, asked, mistakes)
 
 
-def _check_trial(planned: Row | None, answer: SheetRow) -> None:
+def _check_answer_matches_trial(planned: Row | None, answer: SheetRow) -> None:
     """Reject an answer of no trial, or to another block or condition than was planned."""
     if planned is None:
         raise StudyError(
             f"participant and trial must be in the design, got {answer.key.participant!r} and "
             f"{answer.key.trial!r}"
         )
-    shown = blind_row(planned)
+    shown = make_blinded_row(planned)
     for name in ("first_code", "second_code", "code", "condition"):
         if name in shown and answer.cells[name] != shown[name]:
             raise StudyError(
@@ -250,7 +250,7 @@ def make_judgements(
     experiment: str,
     pairs: Sequence[Judgement],
     ratings: tuple[int, int],
-    asked: Mapping[TrialKey, Row],
+    expected_trials: Mapping[TrialKey, Row],
     mistakes: Sequence[Mistake] = (),
 ) -> Judgements:
     """Make the judgements of a study from trials with their answers, or refuse all mistakes.
@@ -263,7 +263,7 @@ def make_judgements(
         Planned trials with their answers.
     ratings : tuple of int
         Lowest and highest rating.
-    asked : mapping
+    expected_trials : mapping
         Planned trials of which a missing answer counts as missing; empty where only what was
         answered was asked.
     mistakes : sequence of Mistake
@@ -275,10 +275,10 @@ def make_judgements(
         If there are mistakes, or a condition or block has no answer at all.
     """
     kind = EXPERIMENTS[experiment]
-    planned = asked or _index_planned(pairs)
-    answered = _read_all_values(kind, pairs, ratings, mistakes)
+    planned = expected_trials or _index_planned_trials(pairs)
+    answered = _read_all_answers(kind, pairs, ratings, mistakes)
     left = _find_incomplete_participants(planned, answered)
-    columns = _choose_columns(planned)
+    columns = _list_kept_columns(planned)
     missing = list[TrialKey]()
     rows = list[Values]()
     for key, row in planned.items():
@@ -293,12 +293,12 @@ def make_judgements(
     frame = pd.DataFrame(rows)
     if frame.empty:
         raise StudyError("at least one participant must have answered in every condition, got none")
-    _refuse_empty_cells(planned, frame)
-    frame = separate_factors_between_participants(frame)
+    _refuse_unanswered_cells(planned, frame)
+    frame = convert_between_factors_to_group(frame)
     return Judgements(experiment, frame, tuple(missing), tuple(left))
 
 
-def _index_planned(pairs: Sequence[Judgement]) -> dict[TrialKey, Row]:
+def _index_planned_trials(pairs: Sequence[Judgement]) -> dict[TrialKey, Row]:
     """Return the planned trials of judgements; refuse one that stands twice."""
     trials = []
     for pair in pairs:
@@ -306,7 +306,7 @@ def _index_planned(pairs: Sequence[Judgement]) -> dict[TrialKey, Row]:
     return {key: row.cells for key, row in index_by_trial(trials).items()}
 
 
-def _read_all_values(
+def _read_all_answers(
     kind: Experiment,
     pairs: Sequence[Judgement],
     ratings: tuple[int, int],
@@ -317,7 +317,7 @@ def _read_all_values(
     found = list(mistakes)
     for pair in pairs:
         try:
-            values = _read_values(kind, pair, ratings)
+            values = _read_answer_values(kind, pair, ratings)
         except StepblocksError as error:
             found.append(Mistake(pair.answer, str(error)))
             continue
@@ -329,7 +329,7 @@ def _read_all_values(
     return answered
 
 
-def _read_values(kind: Experiment, pair: Judgement, ratings: tuple[int, int]) -> Values:
+def _read_answer_values(kind: Experiment, pair: Judgement, ratings: tuple[int, int]) -> Values:
     """Read an answer and its stamps; nothing where it is not complete."""
     cells = pair.answer.cells
     if not all(cells[name] for name in kind.answers):
@@ -407,15 +407,15 @@ def _find_expected_conditions(asked: Mapping[str, set[str]]) -> dict[str, set[st
     return {participant: expected[participant] for participant in asked}
 
 
-def _choose_columns(planned: Mapping[TrialKey, Row]) -> list[str]:
+def _list_kept_columns(planned: Mapping[TrialKey, Row]) -> list[str]:
     """Return the columns of planned trials that the tidy table keeps."""
     known = next(iter(planned.values()), {})
     columns = [name for name in (*WHEN, "stimulus", "group") if name in known]
-    columns += list_factors(known)
+    columns += list_factor_columns(known)
     return columns
 
 
-def _refuse_empty_cells(planned: Mapping[TrialKey, Row], frame: Table) -> None:
+def _refuse_unanswered_cells(planned: Mapping[TrialKey, Row], frame: Table) -> None:
     """Reject judgements without any answer to a block in a condition."""
     cells = {(row["condition"], row["stimulus"]) for row in planned.values()}
     judged = set(zip(frame["condition"], frame["stimulus"], strict=True))
@@ -426,12 +426,12 @@ def _refuse_empty_cells(planned: Mapping[TrialKey, Row], frame: Table) -> None:
         )
 
 
-def separate_factors_between_participants(frame: Table) -> Table:
+def convert_between_factors_to_group(frame: Table) -> Table:
     """Drop factors of one level; those that vary between participants only are their group.
 
     Where nothing else varies, a group is the condition of its participants.
     """
-    names = list_factors(list_names(frame))
+    names = list_factor_columns(list_names(frame))
     by_participant = frame.groupby("participant")
     between, dropped = [], []
     for name in names:

@@ -53,10 +53,10 @@ def compute_log_errors(frame: Table) -> tuple[LogError, ...]:
     tuple of LogError
         A condition in which every estimate is zero is left out.
     """
-    return tuple(_yield_log_errors(frame))
+    return tuple(_iterate_log_errors(frame))
 
 
-def _yield_log_errors(frame: Table) -> Iterator[LogError]:
+def _iterate_log_errors(frame: Table) -> Iterator[LogError]:
     """Yield the error over all conditions, and in each where there are several."""
     subsets = [("", frame)]
     if frame["condition"].nunique() > 1:
@@ -67,20 +67,24 @@ def _yield_log_errors(frame: Table) -> Iterator[LogError]:
             continue
         error = np.log(positive["estimate"] / positive["height"])
         by_participant = positive.assign(error=error, square=error**2).groupby("participant")
-        squares = _estimate_mean(by_participant["square"].mean().to_numpy(float))
+        squares = _estimate_mean_of_participants(by_participant["square"].mean().to_numpy(float))
         yield LogError(
             condition,
-            _estimate_mean(by_participant["error"].mean().to_numpy(float)),
+            _estimate_mean_of_participants(by_participant["error"].mean().to_numpy(float)),
             squares.transform(lambda square: math.sqrt(max(square, 0.0))),
             by_participant.ngroups,
             len(part) - len(positive),
         )
 
 
-def _estimate_mean(values: Array) -> Bounded:
+def _estimate_mean_of_participants(participant_means: Array) -> Bounded:
     """Return the mean of participants' values, shape (n,), with Student's interval."""
-    mean = float(values.mean())
-    if len(values) < 2:
+    mean = float(participant_means.mean())
+    if len(participant_means) < 2:
         return Bounded(mean, math.nan, math.nan)
-    half = float(stats.t.ppf(_LEVEL, len(values) - 1) * values.std(ddof=1) / len(values) ** 0.5)
+    half = float(
+        stats.t.ppf(_LEVEL, len(participant_means) - 1)
+        * participant_means.std(ddof=1)
+        / len(participant_means) ** 0.5
+    )
     return Bounded(mean, mean - half, mean + half)

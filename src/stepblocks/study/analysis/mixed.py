@@ -25,8 +25,8 @@ from stepblocks.study.analysis.anova import (
     Interval,
     LinearEstimate,
     Term,
-    compare_all_pairs,
-    find_mean_rows,
+    build_mean_design_rows,
+    iterate_pairwise_intervals,
     make_term,
     standardise_response,
 )
@@ -143,7 +143,7 @@ class _Optimum(NamedTuple):
     covariance: Array
 
 
-class _Likelihood:
+class _MixedLikelihood:
     """Restricted likelihood of a table whose rows belong to cells, and cells to participants.
 
     A point is ln(1 + variance) between participants and, where judgements are repeated, of their
@@ -205,13 +205,13 @@ class _Likelihood:
         log_predictors = np.log(diagonal * np.sign(diagonal.real)).sum()
         return 0.5 * (normal + log_det + log_predictors)
 
-    def compute_slope(self, point: Array) -> Array:
+    def compute_loss_gradient(self, point: Array) -> Array:
         """Return the derivative of the loss by each parameter."""
         return np.asarray(approx_fprime_cs(point, self.compute_loss)).ravel()
 
     @np.errstate(divide="ignore", invalid="ignore", over="ignore")  # beyond the bounds
-    def fit(self, fits_response: bool) -> _Optimum:
-        """Maximise the likelihood; `fits_response` says that of a response to conditions, too.
+    def find_maximum(self, has_response_variance: bool) -> _Optimum:
+        """Maximise the likelihood, with `has_response_variance` also over a response's variance.
 
         Raises
         ------
@@ -219,18 +219,18 @@ class _Likelihood:
             If the likelihood has no maximum.
         """
         start = [1.0, -0.5]
-        if fits_response:
+        if has_response_variance:
             start = [1.0, 0.3, -0.5]
         with warnings.catch_warnings(action="ignore", category=linalg.LinAlgWarning):
             # the stubs know no derivative that is a method
             point = optimize.minimize(  # type: ignore[call-overload]
                 lambda trial: float(self.compute_loss(trial)),
                 np.array(start, dtype=np.float64),
-                jac=self.compute_slope,
+                jac=self.compute_loss_gradient,
                 method="BFGS",
             ).x
         for _ in range(_NEWTON_STEPS):  # a line search ends at half the digits
-            slope = self.compute_slope(point)
+            slope = self.compute_loss_gradient(point)
             covariance = self._invert_curvature(point)
             if np.abs(slope).max() < _NEAR_OPTIMUM:
                 point = point - covariance @ slope
@@ -253,19 +253,19 @@ class _Likelihood:
         matrix = self.compute_products(point).matrix
         return np.asarray(np.linalg.solve(matrix[:-1, :-1], matrix[:-1, -1]), dtype=float)
 
-    def compute_covariance(self, point: Array) -> Array:
+    def compute_effect_covariance(self, point: Array) -> Array:
         """Return the covariance of the fixed effects, shape (n, n)."""
         predictors = self.compute_products(point).matrix[:-1, :-1]
         return np.asarray(np.linalg.inv(predictors) * np.exp(point[-1]))
 
-    def compute_freedom(self, optimum: _Optimum, contrast: Array) -> float:
+    def compute_contrast_dof(self, optimum: _Optimum, contrast: Array) -> float:
         """Return Satterthwaite's degrees of freedom of a contrast of the fixed effects.
 
         Fai, A. H.-T., Cornelius, P. L. (1996), J. Statist. Comput. Simul. 54, 363-378.
         """
         slope = approx_fprime_cs(
             optimum.point,
-            lambda trial: np.log(contrast @ self.compute_covariance(trial) @ contrast),
+            lambda trial: np.log(contrast @ self.compute_effect_covariance(trial) @ contrast),
         ).ravel()
         variance = max(slope @ optimum.covariance @ slope, 2.0 / self.free)
         return round(float(2.0 / variance), 6)
@@ -322,27 +322,30 @@ def fit_mixed_model(
     if covariate:
         values = frame[covariate].to_numpy(dtype=np.float64)
         data["t"] = values - values.mean()
-    model = _make_fixed_effects(data)
-    likelihood = _make_likelihood(model, data)
+    model = _build_fixed_effects_model(data)
+    likelihood = _build_likelihood(model, data)
     compared = len(conditions) > 1
     # a response to conditions is only apart from single judgements where these are repeated, and
     # from the participant where one meets several conditions
     several_cells = len(likelihood.sizes) > people
     fits_response = compared and likelihood.sizes.max() > 1 and several_cells
-    optimum = likelihood.fit(fits_response)
+    optimum = likelihood.find_maximum(fits_response)
     effects = LinearEstimate(
-        likelihood.estimate_effects(optimum.point), likelihood.compute_covariance(optimum.point)
+        likelihood.estimate_effects(optimum.point),
+        likelihood.compute_effect_covariance(optimum.point),
     )
-    rows = find_mean_rows(model, data, conditions)
+    rows = build_mean_design_rows(model, data, conditions)
     for row in rows if covariate else ():
         row[-1] = 0.0  # at the mean of the covariate, which is the last predictor
-    count = partial(likelihood.compute_freedom, optimum)
+    count = partial(likelihood.compute_contrast_dof, optimum)
     variances = likelihood.compute_variances(optimum.point)
     residual = math.exp(0.5 * optimum.point[-1])
     family: tuple[Interval, ...] = ()
     if intervals:
         family = tuple(
-            compare_all_pairs(conditions, rows, effects, count, spread=residual, scale=scale)
+            iterate_pairwise_intervals(
+                conditions, rows, effects, count, spread=residual, scale=scale
+            )
         )
     means = []
     for name, row in zip(conditions, rows, strict=True):
@@ -351,10 +354,10 @@ def fit_mixed_model(
         means.append(ConditionMean(name, mean, error))
     test = None
     if compared:
-        test = _test_conditions(condition, rows, effects, count)
+        test = _make_condition_test(condition, rows, effects, count)
     slope = None
     if covariate:
-        slope = _test_slope(effects, count, scale)
+        slope = _make_slope_test(effects, count, scale)
     standardised_loss = float(likelihood.compute_loss(optimum.point))
     log_likelihood = -standardised_loss - likelihood.free * math.log(scale)
     person_share = math.sqrt(max(variances.person, 0.0))
@@ -372,21 +375,24 @@ def fit_mixed_model(
     )
 
 
-def _test_slope(effects: LinearEstimate, count: Callable[[Array], float], scale: float) -> Slope:
+def _make_slope_test(
+    effects: LinearEstimate, compute_dof: Callable[[Array], float], scale: float
+) -> Slope:
     """Test the last fixed effect, that of the covariate.
 
-    `count` takes a contrast and returns its degrees of freedom; `scale` is that of the response.
+    `compute_dof` takes a contrast and returns its degrees of freedom; `scale` is that of the
+    response.
     """
     contrast = np.zeros(len(effects.parameters))
     contrast[-1] = 1.0
     value = float(effects.parameters[-1])
     error = math.sqrt(effects.covariance[-1, -1])
-    df = count(contrast)
+    df = compute_dof(contrast)
     p = 2.0 * float(stats.t.sf(abs(value) / error, df))
     return Slope(value * scale, error * scale, df, p)
 
 
-def _make_fixed_effects(data: Table) -> "OLS":
+def _build_fixed_effects_model(data: Table) -> "OLS":
     """Return the linear model of statsmodels whose design matrix has the fixed effects."""
     import statsmodels.formula.api as smf
 
@@ -400,13 +406,13 @@ def _make_fixed_effects(data: Table) -> "OLS":
     return smf.ols(formula, data)
 
 
-def _make_likelihood(model: "OLS", data: Table) -> _Likelihood:
+def _build_likelihood(model: "OLS", data: Table) -> _MixedLikelihood:
     """Return the likelihood of a table; refuse one with as many fixed effects as judgements."""
     cells = data.groupby(["g", "a"])
     owner, _ = pd.factorize(cells["g"].first())
     response = np.asarray(model.endog)
     cell = np.asarray(cells.ngroup(), dtype=np.int64)
-    likelihood = _Likelihood(response, np.asarray(model.exog), cell, owner)
+    likelihood = _MixedLikelihood(response, np.asarray(model.exog), cell, owner)
     if likelihood.free <= 1:
         raise StudyError(
             f"more judgements than cells of a mixed model are needed, got {len(response)}"
@@ -426,37 +432,40 @@ def _describe_zero_variances(variances: _Variances, fits_response: bool) -> tupl
     return tuple(remarks)
 
 
-def _test_conditions(
-    name: str, rows: Sequence[Array], effects: LinearEstimate, count: Callable[[Array], float]
+def _make_condition_test(
+    term_name: str,
+    mean_rows: Sequence[Array],
+    effects: LinearEstimate,
+    compute_dof: Callable[[Array], float],
 ) -> Term:
     """Test all conditions at once, with the degrees of freedom of lmerTest.
 
     Parameters
     ----------
-    name : str
+    term_name : str
         Of the term.
-    rows : sequence of ndarray, shape (n,)
+    mean_rows : sequence of ndarray, shape (n,)
         What gives the mean of each condition from the fixed effects.
     effects : LinearEstimate
         The n fixed effects.
-    count : callable
+    compute_dof : callable
         Takes a contrast of the fixed effects, returns its degrees of freedom.
     """
-    contrasts = np.array([row - rows[0] for row in rows[1:]])
+    contrasts = np.array([row - mean_rows[0] for row in mean_rows[1:]])
     variances, axes = np.linalg.eigh(contrasts @ effects.covariance @ contrasts.T)
     independent = axes.T @ contrasts
-    free = np.array([count(contrast) for contrast in independent])
+    free = np.array([compute_dof(contrast) for contrast in independent])
     f = float(np.mean((independent @ effects.parameters) ** 2 / variances))
-    return make_term(name, float(len(free)), _pool_freedom(free), math.nan, f)
+    return make_term(term_name, float(len(free)), _pool_contrast_dof(free), math.nan, f)
 
 
-def _pool_freedom(free: Array) -> float:
+def _pool_contrast_dof(contrast_dof: Array) -> float:
     """Return the denominator's degrees of freedom of an F-test of independent contrasts.
 
-    `free`, shape (contrasts,), are those of each contrast.
+    `contrast_dof`, shape (contrasts,), are those of each contrast.
     """
-    known = free[free > 2.0]
+    known = contrast_dof[contrast_dof > 2.0]
     expected = float((known / (known - 2.0)).sum())
-    if np.ptp(free) < _ALIKE * free.mean() or expected <= len(free):
-        return float(free.mean())
-    return 2.0 * expected / (expected - len(free))
+    if np.ptp(contrast_dof) < _ALIKE * contrast_dof.mean() or expected <= len(contrast_dof):
+        return float(contrast_dof.mean())
+    return 2.0 * expected / (expected - len(contrast_dof))

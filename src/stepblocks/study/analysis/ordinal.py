@@ -100,7 +100,7 @@ class ProportionalOdds(NamedTuple):
 
 
 def fit_ordinal_model(
-    frame: Table, rating: str, condition: str, participant: str, beside: Sequence[str] = ()
+    frame: Table, rating: str, condition: str, participant: str, other_factors: Sequence[str] = ()
 ) -> OrdinalFit:
     """Fit a proportional-odds model in which participants' levels are normal.
 
@@ -110,7 +110,7 @@ def fit_ordinal_model(
         One row per rating.
     rating, condition, participant : str
         Columns; the condition is tested.
-    beside : sequence of str
+    other_factors : sequence of str
         Columns of other factors, which add to the same logit.
 
     Returns
@@ -134,7 +134,7 @@ def fit_ordinal_model(
     compared = frame[condition].nunique() - 1
     if not compared:
         raise StudyError(f"{condition} must have at least two levels")
-    predictors = pd.get_dummies(frame[[condition, *beside]], drop_first=True).astype(float)
+    predictors = pd.get_dummies(frame[[condition, *other_factors]], drop_first=True).astype(float)
     participants = frame[participant].astype(str)
     people = participants.nunique()
     if people <= compared:
@@ -153,32 +153,34 @@ def fit_ordinal_model(
     covariance = fit.covariance[:compared, :compared]
     conditions = sorted(frame[condition].unique())
     return OrdinalFit(
-        _compare_conditions(conditions, values, covariance, people),
-        _test_over_participants(values, covariance, people),
-        OrdinalModel(rating, condition, participant, tuple(beside)),
+        _compare_condition_odds(conditions, values, covariance, people),
+        _compute_hotelling_test(values, covariance, people),
+        OrdinalModel(rating, condition, participant, tuple(other_factors)),
     )
 
 
-def _test_over_participants(values: Array, covariance: Array, people: int) -> ParticipantTest:
+def _compute_hotelling_test(
+    coefficients: Array, covariance: Array, participant_count: int
+) -> ParticipantTest:
     """Test by Hotelling's T squared whether all coefficients, shape (n,), are zero."""
     # as many independent values as participants estimate the covariance
-    number = len(values)
+    number = len(coefficients)
     statistic = (
-        float(values @ np.linalg.solve(covariance, values))
-        * (people - number)
-        / (number * (people - 1))
+        float(coefficients @ np.linalg.solve(covariance, coefficients))
+        * (participant_count - number)
+        / (number * (participant_count - 1))
     )
-    df_error = people - number
+    df_error = participant_count - number
     p = float(stats.f.sf(statistic, number, df_error))
     return ParticipantTest(statistic, float(number), float(df_error), p)
 
 
-def _compare_conditions(
-    conditions: Sequence[str], values: Array, covariance: Array, people: int
+def _compare_condition_odds(
+    conditions: Sequence[str], log_odds: Array, covariance: Array, participant_count: int
 ) -> tuple[Interval, ...]:
     """Compare every two conditions, the later less the earlier.
 
-    `values`, shape (conditions - 1,), are ln(odds) against the first condition.
+    `log_odds`, shape (conditions - 1,), are ln(odds) against the first condition.
     """
     rows = np.eye(len(conditions))[:, 1:]  # the first condition is the zero of the coefficients
     row_of = dict(zip(conditions, rows, strict=True))
@@ -186,12 +188,12 @@ def _compare_conditions(
     differences, errors, p_values = [], [], []
     for earlier, later in pairs:
         contrast = row_of[later] - row_of[earlier]
-        difference = float(contrast @ values)
+        difference = float(contrast @ log_odds)
         error = math.sqrt(contrast @ covariance @ contrast)
         differences.append(difference)
         errors.append(error)
-        p_values.append(2.0 * float(stats.t.sf(abs(difference) / error, people - 1)))
-    limit = float(stats.t.ppf(0.975, people - 1))
+        p_values.append(2.0 * float(stats.t.sf(abs(difference) / error, participant_count - 1)))
+    limit = float(stats.t.ppf(0.975, participant_count - 1))
     corrected = correct_by_holm(p_values).tolist()
     intervals = []
     for (earlier, later), difference, error, p in zip(
@@ -207,7 +209,7 @@ def _compare_conditions(
                 p=p,
                 effect_size=math.nan,
                 error=error,
-                df=people - 1.0,
+                df=participant_count - 1.0,
             )
         )
     return tuple(intervals)
@@ -243,7 +245,7 @@ class _CumulativeLogits:
         top = categories.max()
         self.rise = np.vstack([np.tri(top + 1, top, -1), np.zeros(top)])
 
-    def compute_cluster_losses(self, point: Array) -> tuple[Array, Array]:
+    def compute_cluster_losses_and_slopes(self, point: Array) -> tuple[Array, Array]:
         """Return minus the log likelihood of each cluster, and its slopes.
 
         Returns
@@ -272,14 +274,14 @@ class _CumulativeLogits:
         by_spread = (slope @ self.levels)[:, None]
         return -whole[:, 0], self.member.T @ np.hstack([by_predictor, by_step, by_spread])
 
-    def compute_loss(self, point: Array) -> tuple[float, Array]:
+    def compute_loss_and_slopes(self, point: Array) -> tuple[float, Array]:
         """Return minus the log likelihood of all clusters, and its slopes."""
-        losses, slopes = self.compute_cluster_losses(point)
+        losses, slopes = self.compute_cluster_losses_and_slopes(point)
         return losses.sum(axis=0), slopes.sum(axis=0)
 
     def compute_gradient(self, point: Array) -> Array:
         """Return the slopes of minus the log likelihood of all clusters."""
-        return np.asarray(self.compute_loss(point)[1])
+        return np.asarray(self.compute_loss_and_slopes(point)[1])
 
 
 def fit_proportional_odds(
@@ -320,7 +322,7 @@ def fit_proportional_odds(
     shares = np.cumsum(np.bincount(categories))[:-1] / len(predictors)
     cuts = np.log(shares / (1.0 - shares))
     found = optimize.minimize(
-        likelihood.compute_loss,
+        likelihood.compute_loss_and_slopes,
         [*np.zeros(size), cuts[0], *np.log(np.diff(cuts)), spread],
         jac=True,
         method="BFGS",
@@ -329,7 +331,7 @@ def fit_proportional_odds(
     curvature = optimize.approx_fprime(found.x, likelihood.compute_gradient)
     covariance = np.linalg.pinv(0.5 * (curvature + curvature.T))
     if clusters is not None:  # the sandwich of Liang and Zeger
-        _, slopes = likelihood.compute_cluster_losses(found.x)
+        _, slopes = likelihood.compute_cluster_losses_and_slopes(found.x)
         number = len(slopes)
         covariance = covariance @ (slopes.T @ slopes) @ covariance * number / (number - 1)
     of_predictors = np.asarray(covariance[:size, :size], dtype=np.float64)

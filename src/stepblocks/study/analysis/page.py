@@ -11,7 +11,7 @@ from stepblocks.files.pages import render_page
 from stepblocks.files.table_rows import list_rows
 from stepblocks.files.tables import format_csv
 from stepblocks.study.analysis.figures import Figure, draw_study_figures
-from stepblocks.study.analysis.prose import write_headline
+from stepblocks.study.analysis.prose import format_headline
 from stepblocks.study.analysis.result_table import FIGURES
 from stepblocks.study.analysis.results import StudyResult
 from stepblocks.study.columns import Row
@@ -39,7 +39,7 @@ class _PageFigure(NamedTuple):
     svg: str
 
 
-def render_study(result: StudyResult) -> str:
+def render_study_report(result: StudyResult) -> str:
     """Draw the report: figures, tables, checks; one file that needs no network."""
     figures = []
     for study_figure in draw_study_figures(result):
@@ -50,7 +50,7 @@ def render_study(result: StudyResult) -> str:
     has_covariate = any(measure.mixed.slope for measure in result.measures)
     has_groups = any(measure.groups for measure in result.measures)
     title = EXPERIMENTS[result.experiment].title
-    notes = [*result.notes, *result.remarks, *_yield_remarks(result)]
+    notes = [*result.notes, *result.remarks, *_iterate_model_remarks(result)]
     conditions = sorted(result.frame["condition"].unique())
     people = result.frame["participant"].nunique()
     stimuli = result.frame["stimulus"].nunique()
@@ -58,10 +58,10 @@ def render_study(result: StudyResult) -> str:
         "stepblocks.study",
         "study.html",
         title=title,
-        headline=write_headline(result),
+        headline=format_headline(result),
         notes=notes,
         figures=figures,
-        tables=list(_split_table(result)),
+        tables=list(_iterate_page_tables(result)),
         conditions=conditions,
         people=people,
         judgements=len(result.frame),
@@ -76,21 +76,21 @@ def render_study(result: StudyResult) -> str:
     )
 
 
-def _yield_remarks(result: StudyResult) -> Iterator[str]:
+def _iterate_model_remarks(result: StudyResult) -> Iterator[str]:
     """Yield what the mixed models remark, each with its measure."""
     for measure in result.measures:
         for remark in measure.mixed.remarks:
             yield f"{measure.name.capitalize()}: {remark[0].lower()}{remark[1:]}"
 
 
-def _split_table(result: StudyResult) -> Iterator[_PageTable]:
+def _iterate_page_tables(result: StudyResult) -> Iterator[_PageTable]:
     """Yield the table of a result by measure and analysis, figures as texts."""
     table = result.table()
     for name in FIGURES:
         digits = _DIGITS
         if name.startswith("df"):
             digits = _DIGITS_OF_FREEDOM
-        table[name] = [_format_figure(value, digits) for value in table[name]]
+        table[name] = [_format_number_or_blank(value, digits) for value in table[name]]
     for (measure, analysis), rows in table.groupby(["measure", "analysis"], sort=False):
         name = str(analysis)
         if measure:
@@ -98,14 +98,14 @@ def _split_table(result: StudyResult) -> Iterator[_PageTable]:
         yield _PageTable(name, list_rows(rows))
 
 
-def _format_figure(value: float, digits: int) -> str:
+def _format_number_or_blank(value: float, digits: int) -> str:
     """Write a figure; nothing where there is none."""
     if value != value:  # not a number
         return ""
     return f"{value:.{digits}g}"
 
 
-def write_figures(result: StudyResult, folder: Path) -> None:
+def write_study_figures(result: StudyResult, folder: Path) -> None:
     """Write every figure as SVG and PDF at the width of a page, with its data as CSV."""
     for study_figure in draw_study_figures(result):
         for form in ("svg", "pdf"):
@@ -115,18 +115,18 @@ def write_figures(result: StudyResult, folder: Path) -> None:
         replace_bytes(folder / f"{study_figure.name}.csv", text.encode())
 
 
-def _render_figure(figure: Figure, form: str) -> bytes:
+def _render_figure(figure: Figure, file_format: str) -> bytes:
     """Return a figure as a file, SVG or PDF: the same bytes from the same data."""
     import matplotlib as mpl
 
     stream = io.BytesIO()
     dates = {"CreationDate": None}
-    if form == "svg":
+    if file_format == "svg":
         dates = {"Date": None, "Creator": None}
     with mpl.rc_context({"svg.hashsalt": "study", "svg.fonttype": "path", "pdf.fonttype": 42}):
-        figure.savefig(stream, format=form, metadata=dates)
+        figure.savefig(stream, format=file_format, metadata=dates)
     content = stream.getvalue()
-    if form == "svg":
+    if file_format == "svg":
         return content[content.index(b"<svg") :]
     return content
 

@@ -9,7 +9,10 @@ from stepblocks.study.analysis.anova import Interval, Term
 from stepblocks.study.analysis.findings import Finding, MeasureTest
 from stepblocks.study.analysis.log_error import LogError
 from stepblocks.study.analysis.prose import format_apa_p, format_df, format_f_test
-from stepblocks.study.analysis.repeated import compute_bayes_factor, compute_effect_interval
+from stepblocks.study.analysis.repeated import (
+    compute_effect_size_interval,
+    compute_null_bayes_factor,
+)
 from stepblocks.study.analysis.results import StudyResult
 
 _MICROMETRE = 1e6  # per metre
@@ -60,7 +63,7 @@ class Cell:
     people: int
 
 
-def yield_cells(measure: Measure) -> Iterator[Cell]:
+def iterate_cells(measure: Measure) -> Iterator[Cell]:
     """Yield mean and standard deviation over participants of every condition and block."""
     keys = ["condition"]
     if "stimulus" in measure.frame:
@@ -75,7 +78,7 @@ def yield_cells(measure: Measure) -> Iterator[Cell]:
         yield Cell(str(names[0]), block, float(values.mean()), deviation, len(values))
 
 
-def list_paper_tables(result: StudyResult) -> list[PaperTable]:
+def build_paper_tables(result: StudyResult) -> list[PaperTable]:
     """List the tables of a study's measures of accuracy, the primary outcome first."""
     tables = []
     for finding in result.findings():
@@ -99,7 +102,7 @@ def _tabulate_log_errors(errors: Sequence[LogError]) -> PaperTable:
         for value, low, high in (error.mean, error.rms):
             figures += [f"{value:.3f}", f"[{low:.3f}, {high:.3f}]"]
         cells = (error.condition or "all", *figures, str(error.people))
-        rows.append(tuple(map(_replace_hyphens, cells)))
+        rows.append(tuple(map(_replace_hyphens_by_minus, cells)))
     return PaperTable(
         "Error of the logarithm, ln(estimate / height)",
         ("Condition", "M", "95 % CI", "RMS", "95 % CI", "n"),
@@ -108,32 +111,32 @@ def _tabulate_log_errors(errors: Sequence[LogError]) -> PaperTable:
     )
 
 
-def _name_unit(measure: Measure) -> str:
+def _get_unit_name(measure: Measure) -> str:
     """Name the unit in which a measure is printed."""
     if measure.is_logarithmic:
         return "ln(m)"
     return "µm"
 
 
-def _format_value(value: float, measure: Measure) -> str:
+def _format_measure_value(value: float, measure: Measure) -> str:
     """Write a value of a measure [SI] in its unit."""
     if math.isnan(value):
         return ""
     size = value
     if not measure.is_logarithmic:
         size = value * _MICROMETRE
-    return _replace_hyphens(f"{size:.2f}")
+    return _replace_hyphens_by_minus(f"{size:.2f}")
 
 
 def _tabulate_cells(measure: Measure) -> PaperTable:
     """Lay out M, SD and n of every cell."""
     rows = []
-    for cell in yield_cells(measure):
-        mean = _format_value(cell.mean, measure)
-        deviation = _format_value(cell.deviation, measure)
+    for cell in iterate_cells(measure):
+        mean = _format_measure_value(cell.mean, measure)
+        deviation = _format_measure_value(cell.deviation, measure)
         rows.append((cell.condition, cell.block, mean, deviation, str(cell.people)))
     return PaperTable(
-        f"Descriptives of the {measure.name} ({_name_unit(measure)})",
+        f"Descriptives of the {measure.name} ({_get_unit_name(measure)})",
         ("Condition", "Block", "M", "SD", "n"),
         tuple(rows),
         "M and SD are over the means of participants.",
@@ -168,7 +171,7 @@ def _tabulate_pairs(measure: Measure) -> PaperTable:
     """Lay out the paired differences: t, p, d with its interval, and BF01."""
     rows = [_format_pair_cells(interval, measure) for interval in measure.paired]
     return PaperTable(
-        f"Pairs of conditions, {measure.name} ({_name_unit(measure)})",
+        f"Pairs of conditions, {measure.name} ({_get_unit_name(measure)})",
         ("Pair", "Difference", "95 % CI", "t", "p", "d", "95 % CI of d", "BF01"),
         tuple(rows),
         "Differences are those of the participants; intervals and p hold together (Games and "
@@ -181,22 +184,22 @@ def _format_pair_cells(interval: Interval, measure: Measure) -> tuple[str, ...]:
     """Write a paired difference as cells."""
     t = interval.difference / interval.error
     people = interval.df + 1.0
-    low, high = compute_effect_interval(t, people)
-    lower_bound = _format_value(interval.low, measure)
-    upper_bound = _format_value(interval.high, measure)
+    low, high = compute_effect_size_interval(t, people)
+    lower_bound = _format_measure_value(interval.low, measure)
+    upper_bound = _format_measure_value(interval.high, measure)
     return (
         f"{interval.first} − {interval.second}",
-        _format_value(interval.difference, measure),
+        _format_measure_value(interval.difference, measure),
         f"[{lower_bound}, {upper_bound}]",
-        _replace_hyphens(f"t({format_df(interval.df)}) = {t:.2f}"),
+        _replace_hyphens_by_minus(f"t({format_df(interval.df)}) = {t:.2f}"),
         format_apa_p(interval.p).removeprefix("= "),
-        _replace_hyphens(f"{interval.effect_size:.2f}"),
-        _replace_hyphens(f"[{low:.2f}, {high:.2f}]"),
-        f"{compute_bayes_factor(t, people):.3g}",
+        _replace_hyphens_by_minus(f"{interval.effect_size:.2f}"),
+        _replace_hyphens_by_minus(f"[{low:.2f}, {high:.2f}]"),
+        f"{compute_null_bayes_factor(t, people):.3g}",
     )
 
 
-def _replace_hyphens(text: str) -> str:
+def _replace_hyphens_by_minus(text: str) -> str:
     """Write hyphens before numbers as minus signs."""
     return text.replace("-", "−")
 
@@ -224,10 +227,10 @@ def format_latex(tables: Sequence[PaperTable]) -> str:
             rf"\caption{{{_escape_latex(table.title)}}}",
             rf"\begin{{tabular}}{{{'l' * len(table.heads)}}}",
             r"\toprule",
-            _write_latex_row(table.heads),
+            _format_latex_row(table.heads),
             r"\midrule",
         ]
-        lines += map(_write_latex_row, table.rows)
+        lines += map(_format_latex_row, table.rows)
         lines += [
             r"\bottomrule",
             r"\end{tabular}",
@@ -238,7 +241,7 @@ def format_latex(tables: Sequence[PaperTable]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _write_latex_row(cells: Sequence[str]) -> str:
+def _format_latex_row(cells: Sequence[str]) -> str:
     """Write a row of a LaTeX table."""
     return " & ".join(map(_escape_latex, cells)) + r" \\"
 

@@ -35,15 +35,15 @@ def describe_unusual_participants(frame: Table, answer: str) -> list[str]:
     for name, judgements in frame.groupby("participant", sort=False):
         means[str(name)] = float(np.mean(judgements[answer].to_numpy(float)))
         remarks += _describe_constant_or_falling_answers(name, judgements, answer)
-        remarks += _describe_copies(name, judgements, answer)
+        remarks += _describe_copied_answers(name, judgements, answer)
         remarks += _describe_haste(name, judgements)
-    remarks += _describe_names_alike(list(means))
+    remarks += _describe_similar_names(list(means))
     if answer == "estimate":
-        remarks += _describe_other_scale(frame)
+        remarks += _describe_estimates_of_other_scale(frame)
     return remarks + _describe_distant_means(means)
 
 
-def _describe_names_alike(names: list[str]) -> Iterator[str]:
+def _describe_similar_names(names: list[str]) -> Iterator[str]:
     """Report names of participants that differ in case or blanks alone."""
     first_by_letters: dict[str, str] = {}
     for name in names:
@@ -53,7 +53,7 @@ def _describe_names_alike(names: list[str]) -> Iterator[str]:
             yield f"Participants {first!r} and {name!r} count as two: are they one person?"
 
 
-def _describe_other_scale(frame: Table) -> Iterator[str]:
+def _describe_estimates_of_other_scale(frame: Table) -> Iterator[str]:
     """Report estimates that are of another order than the heights, as of another unit."""
     ratio = float(np.median(frame["estimate"].to_numpy(float) / frame["height"].to_numpy(float)))
     if not 1.0 / _OTHER_SCALE < ratio < _OTHER_SCALE:
@@ -83,7 +83,7 @@ def _describe_constant_or_falling_answers(
         )
 
 
-def _describe_copies(name: object, judgements: Table, answer: str) -> Iterator[str]:
+def _describe_copied_answers(name: object, judgements: Table, answer: str) -> Iterator[str]:
     """Report a participant whose second half of answers repeats the first."""
     answers = judgements.filter(["condition", "height", answer]).to_numpy().tolist()
     half = len(answers) // 2
@@ -114,7 +114,7 @@ def _describe_distant_means(means: Mapping[str, float]) -> list[str]:
     if not wide > 0.0:
         return []
     remarks = []
-    bound = find_outlier_distance(len(levels))
+    bound = compute_outlier_distance(len(levels))
     for name, distance in zip(means, distances, strict=True):
         if distance > bound * wide:
             remarks.append(
@@ -125,13 +125,13 @@ def _describe_distant_means(means: Mapping[str, float]) -> list[str]:
 
 
 @cache
-def find_outlier_distance(people: int) -> float:
+def compute_outlier_distance(participant_count: int) -> float:
     """Find the distance from the median, in robust standard deviations, beyond chance.
 
     In 98 of 100 studies of so many participants, whose levels are normal, the farthest lies nearer.
     The bound grows where they are few, for the median distance then is uncertain itself.
     """
-    levels = np.random.default_rng(0).standard_normal((_DRAWS, people))
+    levels = np.random.default_rng(0).standard_normal((_DRAWS, participant_count))
     distances = np.abs(levels - np.median(levels, axis=1, keepdims=True))
     farthest = distances.max(axis=1) / (_ROBUST * np.median(distances, axis=1))
     return float(np.quantile(farthest, _NOBODY_ALONE))

@@ -22,7 +22,7 @@ from scipy.stats import t
 from stepblocks.contact import Array
 from stepblocks.errors import StudyError
 from stepblocks.study.analysis.bounded import Bounded
-from stepblocks.study.analysis.psychometric import MAX_LAPSE, find_crossing
+from stepblocks.study.analysis.psychometric import MAX_LAPSE, find_root_by_stepping
 
 _LAPSES = np.linspace(0.0, MAX_LAPSE, 6)
 _TINY = 1e-300  # probability of which the logarithm is still finite
@@ -181,7 +181,7 @@ class Population:
         start = list[float]()
         bounds = list[tuple[float, float]]()
         for index, axis in enumerate(axes):
-            means = self._average_along(index)
+            means = self._average_along_axis(index)
             step = float(axis[1] - axis[0])
             start += [float(means.mean()), math.log(max(means.std(), 2.0 * step))]
             # a narrower normal would fall between the points of the grid
@@ -192,26 +192,30 @@ class Population:
         # the table, the contrasts and the page ask for the same means
         self.estimate: Callable[[int], Estimate] = cache(self._estimate_mean)
 
-    def _average_along(self, index: int) -> Array:
+    def _average_along_axis(self, axis_index: int) -> Array:
         """Return the mean of each participant's likelihood along an axis, shape (participants,)."""
         summed = list(range(1, self.likelihood.ndim))
-        summed.remove(index + 1)
+        summed.remove(axis_index + 1)
         profiles = self.likelihood.sum(axis=tuple(summed))
-        return np.asarray(profiles @ self.axes[index] / profiles.sum(axis=1))
+        return np.asarray(profiles @ self.axes[axis_index] / profiles.sum(axis=1))
 
-    def _weigh_distribution(self, point: Array, index: int) -> Array:
+    def _compute_distribution_weights(self, point: Array, axis_index: int) -> Array:
         """Return the weights of the distribution along an axis, shape (3, n).
 
         They are multiplied by the powers 0, 1 and 2 of the distance from the middle, in spreads.
         """
-        distance = (self.axes[index] - point[2 * index]) / math.exp(point[2 * index + 1])
+        distance = (self.axes[axis_index] - point[2 * axis_index]) / math.exp(
+            point[2 * axis_index + 1]
+        )
         weight = np.exp(0.5 * (np.min(distance**2) - distance**2))
         powers = [np.ones_like(distance), distance, distance**2]
         return np.asarray(powers * (weight / weight.sum()))
 
-    def _find_moments(self, point: Array) -> _Moments:
+    def _compute_moments(self, point: Array) -> _Moments:
         """Return likelihoods and moments of the participants, and moments of the distribution."""
-        weights = [self._weigh_distribution(point, index) for index in range(len(self.axes))]
+        weights = [
+            self._compute_distribution_weights(point, index) for index in range(len(self.axes))
+        ]
         sums = self._rows
         for index, rows in enumerate(weights):
             sums = np.tensordot(rows, sums, (1, index))
@@ -224,18 +228,18 @@ class Population:
 
     def _compute_loss(self, point: Array) -> tuple[float, Array]:
         """Return minus the log likelihood, and its gradient, shape (2 axes,)."""
-        moments = self._find_moments(point)
+        moments = self._compute_moments(point)
         slopes = (moments.posterior - moments.prior).sum(axis=2)
         slopes[:, 0] /= np.exp(point[1::2])
         return -float(np.log(moments.likelihood).sum()), -slopes.ravel()
 
     def maximise_likelihood(
-        self, start: Array, place: int = -1, value: float = 0.0
+        self, start: Array, held_index: int = -1, held_value: float = 0.0
     ) -> OptimizeResult:
         """Maximise the likelihood, with one parameter held at a value where a place is given."""
         bounds = self._bounds.copy()
-        if place >= 0:
-            bounds[place] = value
+        if held_index >= 0:
+            bounds[held_index] = held_value
         best: OptimizeResult = minimize(
             self._compute_loss,
             np.clip(start, bounds[:, 0], bounds[:, 1]),
@@ -246,35 +250,35 @@ class Population:
         )
         return best
 
-    def _estimate_mean(self, index: int) -> Estimate:
+    def _estimate_mean(self, axis_index: int) -> Estimate:
         """Return the mean over participants along an axis."""
-        place = 2 * index
+        place = 2 * axis_index
         point = self.best.x
         middle = float(point[place])
         spread = math.exp(point[place + 1])
-        compute_p_value = self._make_p_value_profile(index)
+        compute_p_value = self._make_p_value_function(axis_index)
 
-        def excess(value: float) -> float:
+        def compute_log_excess(value: float) -> float:
             """Return a number that is positive outside the 95 % interval."""
             return math.log(_LIKELY / max(compute_p_value(value), _TINY))
 
-        informants = self._estimate_informants(point, index)
+        informants = self._estimate_effective_participants(point, axis_index)
         error = spread / math.sqrt(informants.people * informants.share)
         lowest, highest = self._bounds[place]
-        low = find_crossing(excess, middle, lowest, -2.5 * error)
-        high = find_crossing(excess, middle, highest, 2.5 * error)
+        low = find_root_by_stepping(compute_log_excess, middle, lowest, -2.5 * error)
+        high = find_root_by_stepping(compute_log_excess, middle, highest, 2.5 * error)
         p = math.nan
         if lowest < 0.0 < highest:
             p = compute_p_value(0.0)
         return Estimate(middle, low, high, spread, p, informants.people - 1.0)
 
-    def _make_p_value_profile(self, index: int) -> Callable[[float], float]:
+    def _make_p_value_function(self, axis_index: int) -> Callable[[float], float]:
         """Return a function of the mean along an axis.
 
         It gives the probability of a likelihood ratio as large as the observed one if that is the
         mean.
         """
-        place = 2 * index
+        place = 2 * axis_index
         middle = float(self.best.x[place])
         spread = math.exp(self.best.x[place + 1])
         climbed = {middle: self.best.x}  # points of the profile by their mean
@@ -291,31 +295,31 @@ class Population:
                 wider = self.maximise_likelihood(start, place, value)
                 found = min(found, wider, key=lambda fit: fit.fun)
             climbed[value] = found.x
-            informants = self._estimate_informants(found.x, index)
+            informants = self._estimate_effective_participants(found.x, axis_index)
             ratio = 2.0 * (float(found.fun) - float(self.best.fun))
             return compute_tail_probability(ratio, informants.people, informants.share)
 
         return compute_p_value
 
-    def _estimate_informants(self, point: Array, index: int) -> _Informants:
+    def _estimate_effective_participants(self, point: Array, axis_index: int) -> _Informants:
         """Return the effective number of participants along an axis, and their share."""
-        moments = self._find_moments(point)
-        prior_mean, prior_square = moments.prior[index]
-        mean, square = moments.posterior[index]
+        moments = self._compute_moments(point)
+        prior_mean, prior_square = moments.prior[axis_index]
+        mean, square = moments.posterior[axis_index]
         shares = prior_square - prior_mean**2 - square + mean**2
         shares = np.clip(shares, 1e-6, 1.0 - 1e-6)
         total = float(shares.sum())
         squares = float((shares**2).sum())
         return _Informants(max(total**2 / squares, 2.0), squares / total)
 
-    def predict_participants(self, index: int) -> Array:
+    def predict_participant_means(self, axis_index: int) -> Array:
         """Return the mean of each participant's posterior along an axis, shape (participants,)."""
-        middle = self.best.x[2 * index]
-        spread = math.exp(self.best.x[2 * index + 1])
-        means = self._find_moments(self.best.x).posterior[index, 0]
+        middle = self.best.x[2 * axis_index]
+        spread = math.exp(self.best.x[2 * axis_index + 1])
+        means = self._compute_moments(self.best.x).posterior[axis_index, 0]
         return np.asarray(middle + spread * means)
 
-    def compute_likelihoods(self, index: int) -> Array:
+    def compute_axis_likelihoods(self, axis_index: int) -> Array:
         """Return the likelihood of each participant along one of two axes and the lapse rates.
 
         Returns
@@ -323,37 +327,41 @@ class Population:
         ndarray, shape (participants, n, lapses)
             Summed over the other axis, weighted by its distribution.
         """
-        weights = self._weigh_distribution(self.best.x, 1 - index)[0]
-        return np.tensordot(self.likelihood, weights, (2 - index, 0))
+        weights = self._compute_distribution_weights(self.best.x, 1 - axis_index)[0]
+        return np.tensordot(self.likelihood, weights, (2 - axis_index, 0))
 
 
-def compute_tail_probability(ratio: float, people: float, share: float) -> float:
+def compute_tail_probability(
+    likelihood_ratio: float, participant_count: float, share_between: float
+) -> float:
     """Return the probability of a larger likelihood ratio of the mean of normal participants.
 
-    Each has a known error; `share` of the variance of what they show is between participants, who
-    never vary by less than nothing. With a share of one it is Student's t, of zero nearly normal.
+    Each has a known error; `share_between` of the variance of what they show is between
+    participants, who never vary by less than nothing. With a share of one it is Student's t, of
+    zero nearly normal.
     """
     # The ratio follows from the mean and the variance of a sample, which are independent. The
     # spread is the one that fits the tested mean: what the sample has by itself is too narrow.
-    half = 0.5 * (people - 1.0)
-    known = 1.0 - share
+    half = 0.5 * (participant_count - 1.0)
+    known = 1.0 - share_between
     squares = 2.0 * np.geomspace(gammaincinv(half, 1e-13), gammainccinv(half, 1e-13), 300)
     weight = np.exp(half * np.log(squares) - 0.5 * squares)
-    variance = squares / people
+    variance = squares / participant_count
     fitted = np.maximum(variance, known)
-    least = ratio / people + np.log(fitted / known) + variance / fitted
+    least = likelihood_ratio / participant_count + np.log(fitted / known) + variance / fitted
     square = known * np.where(least < 1.0, least, np.exp(np.minimum(least - 1.0, 700.0)))
-    distance = np.sqrt(people * np.maximum(square - variance, 0.0))
+    distance = np.sqrt(participant_count * np.maximum(square - variance, 0.0))
     return float(weight @ (2.0 * ndtr(-distance)) / weight.sum())
 
 
-def compare_within(first: Array, second: Array, axis: Array) -> Estimate:
+def compare_within_participants(first: Array, second: Array, axis: Array) -> Estimate:
     """Compare two conditions by the same participants, `first` minus `second`.
 
     Parameters
     ----------
     first, second : ndarray, shape (participants, n, lapses)
-        Likelihoods along an axis and lapse rates, as `Population.profile` returns them.
+        Likelihoods along an axis and lapse rates, as `Population.compute_axis_likelihoods`
+        returns them.
     axis : ndarray, shape (n,)
         Equally spaced values.
     """
@@ -362,14 +370,14 @@ def compare_within(first: Array, second: Array, axis: Array) -> Estimate:
     # in one of them from the spread of everybody would count as a difference.
     correlated = []
     for of_first, of_second in zip(first, second, strict=True):
-        correlated.append(_correlate_likelihoods(of_first, of_second))
+        correlated.append(_compute_difference_likelihoods(of_first, of_second))
     likelihood = np.array(correlated).swapaxes(1, 2)
     steps = (axis[1] - axis[0]) * np.arange(1 - len(axis), len(axis))
     scaled = likelihood / likelihood.max(axis=(1, 2), keepdims=True)
     return Population(scaled, (steps, _LAPSES)).estimate(0)
 
 
-def _correlate_likelihoods(first: Array, second: Array) -> list[Array]:
+def _compute_difference_likelihoods(first: Array, second: Array) -> list[Array]:
     """Return the likelihood of the difference of one participant's values, for each lapse rate.
 
     Both likelihoods have the shape (n, lapses); each result has the shape (2 n - 1,).
@@ -378,7 +386,7 @@ def _correlate_likelihoods(first: Array, second: Array) -> list[Array]:
     return [np.correlate(likelihood, facing, "full") for likelihood, facing in pairs]
 
 
-def compare_between(first: Estimate, second: Estimate) -> Estimate:
+def compare_between_groups(first: Estimate, second: Estimate) -> Estimate:
     """Compare two groups of participants, `first` minus `second`.
 
     Half widths of both intervals follow Zou, G. Y., Donner, A. (2008), Statistics in Medicine 27,

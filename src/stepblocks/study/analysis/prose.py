@@ -15,18 +15,18 @@ from stepblocks.study.analysis.findings import (
     RatingTest,
 )
 from stepblocks.study.analysis.magnitudes import PowerLaw
-from stepblocks.study.analysis.psychometric import compute_weber
-from stepblocks.study.analysis.repeated import compute_bayes_factor
+from stepblocks.study.analysis.psychometric import compute_weber_fraction
+from stepblocks.study.analysis.repeated import compute_null_bayes_factor
 from stepblocks.study.analysis.results import StudyResult
 
 _LEVEL = 0.05
 _LARGEST_LOG_ODDS = 700.0  # of which the exponential is still finite
 
 
-def write_headline(result: StudyResult) -> str:
+def format_headline(result: StudyResult) -> str:
     """Write the primary outcome in a sentence; secondary ones only where it shows a difference."""
     # Only the primary test may claim a difference first, so that the level of the headline is 5 %.
-    sentences = [*_describe_levels(result)]
+    sentences = [*_describe_comparisons_and_magnitudes(result)]
     for finding in result.findings():
         if finding.primary:
             text = _describe_finding(finding, result.reference)
@@ -74,7 +74,7 @@ def _describe_ratings(test: RatingTest, finding: Finding, reference: str) -> str
     ratios = []
     for effect in effects:
         significant = len(effects) == 1 or effect.p < _LEVEL
-        if significant and _is_compared(effect, reference):
+        if significant and _is_against_reference(effect, reference):
             ratios.append(_describe_odds(effect))
     text = "; ".join(ratios) or "no pair differs"
     return f"odds ratios of a higher rating of realism: {text} ({_format_finding_p(finding)})"
@@ -89,14 +89,14 @@ def _describe_odds(effect: Interval) -> str:
     return f"{ratio:.2g} (95 % {low:.2g} to {high:.2g}) with {names}"
 
 
-def _is_compared(interval: Interval, reference: str) -> bool:
+def _is_against_reference(interval: Interval, reference: str) -> bool:
     """Return whether a difference is one against the reference; without one, all are."""
     return not reference or interval.involves(reference)
 
 
-def _list_compared(intervals: Iterable[Interval], reference: str) -> list[Interval]:
+def _select_compared_intervals(intervals: Iterable[Interval], reference: str) -> list[Interval]:
     """List the differences against the reference; without one, all of them."""
-    return [interval for interval in intervals if _is_compared(interval, reference)]
+    return [interval for interval in intervals if _is_against_reference(interval, reference)]
 
 
 def _format_finding_p(finding: Finding) -> str:
@@ -106,8 +106,8 @@ def _format_finding_p(finding: Finding) -> str:
 
 def _describe_measure(measure: Measure, finding: Finding, reference: str) -> str:
     """Describe how conditions differ in a measure, or by how little."""
-    paired = _list_compared(measure.paired, reference)
-    modelled = _list_compared(measure.mixed.intervals, reference)
+    paired = _select_compared_intervals(measure.paired, reference)
+    modelled = _select_compared_intervals(measure.mixed.intervals, reference)
     p = _format_finding_p(finding)
     if not finding.corrected < _LEVEL:
         return _describe_no_difference(measure, paired, modelled, p)
@@ -115,7 +115,7 @@ def _describe_measure(measure: Measure, finding: Finding, reference: str) -> str
     # where each condition has its own participants, nobody has differences
     for interval in paired or modelled:
         if interval.p < _LEVEL:
-            differences.append(_describe_pair(interval, measure.is_logarithmic))
+            differences.append(_describe_pair_difference(interval, measure.is_logarithmic))
     tested = p
     if measure.corrected is not None:
         tested = format_f_test(measure.corrected, finding.corrected)
@@ -142,7 +142,7 @@ def _describe_no_difference(
     factors = []
     for interval in paired:
         t = interval.difference / interval.error
-        factors.append(compute_bayes_factor(t, interval.df + 1.0))
+        factors.append(compute_null_bayes_factor(t, interval.df + 1.0))
     smallest, largest = f"{min(factors):.2g}", f"{max(factors):.2g}"
     times = smallest
     if largest != smallest:
@@ -150,7 +150,7 @@ def _describe_no_difference(
     return f"{text}; no difference is {times} times as likely as one"
 
 
-def _describe_pair(interval: Interval, logarithmic: bool) -> str:
+def _describe_pair_difference(interval: Interval, logarithmic: bool) -> str:
     """Describe how the condition with the larger value differs from the other, with its own p."""
     tested = f"p {format_apa_p(interval.p)}"
     if interval.difference > 0.0:
@@ -168,7 +168,7 @@ def _describe_pair(interval: Interval, logarithmic: bool) -> str:
     return f"with {larger} it is larger by {size} than with {smaller}"
 
 
-def _describe_levels(result: StudyResult) -> Iterator[str]:
+def _describe_comparisons_and_magnitudes(result: StudyResult) -> Iterator[str]:
     """Describe levels of comparisons and magnitudes, which claims no difference."""
     for setting in result.comparisons:
         yield from _describe_setting(setting)
@@ -186,7 +186,9 @@ def _describe_setting(setting: Comparisons) -> Iterator[str]:
             yield f"{where}comparisons of participant {curve.who}: {reason}"
         return
     height, low, high = equal.bounds.transform(lambda log: setting.standard * math.exp(log) * 1e6)
-    weber, low_weber, high_weber = spread.bounds.transform(lambda log: 100.0 * compute_weber(log))
+    weber, low_weber, high_weber = spread.bounds.transform(
+        lambda log: 100.0 * compute_weber_fraction(log)
+    )
     yield (
         f"{where}a block of {height:.3g} um feels as high as the standard (95 % {low:.3g} "
         f"to {high:.3g}), and a height must differ by {weber:.2g} % to be told apart "

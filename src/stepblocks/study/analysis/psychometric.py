@@ -110,7 +110,7 @@ class _CurveLikelihood:
         highest = 2.0 * span + self.log_levels.max()
         self.bounds = [(lowest, highest), _LOG_SPREADS, (0.0, MAX_LAPSE)]
 
-    def predict(self, point: Array) -> tuple[Array, Array]:
+    def predict_with_slopes(self, point: Array) -> tuple[Array, Array]:
         """Return the probability of a hit at each level, shape (n,), and its slopes (3, n)."""
         middle, log_spread, lapse = point
         spread = math.exp(log_spread)
@@ -120,26 +120,30 @@ class _CurveLikelihood:
         p = np.clip(lapse + (1.0 - 2.0 * lapse) * rising, _CERTAIN, 1.0 - _CERTAIN)
         return p, np.array([-density / spread, -density * distance, 1.0 - 2.0 * rising])
 
-    def compute_loss_of(self, p: Array) -> Array:
+    def compute_loss_of_probabilities(self, probabilities: Array) -> Array:
         """Return minus the log likelihood of predicted probabilities, shape (..., n)."""
         _, hits, totals = self.counts
-        return np.asarray(-np.sum(xlogy(hits, p) + xlog1py(totals - hits, -p), axis=-1))
+        return np.asarray(
+            -np.sum(xlogy(hits, probabilities) + xlog1py(totals - hits, -probabilities), axis=-1)
+        )
 
-    def compute_loss(self, point: Array) -> tuple[float, Array]:
+    def compute_loss_and_slopes(self, point: Array) -> tuple[float, Array]:
         """Return minus the log likelihood of a point, and its slopes, shape (3,)."""
         _, hits, totals = self.counts
-        p, slopes = self.predict(point)
-        return float(self.compute_loss_of(p)), slopes @ ((totals - hits) / (1.0 - p) - hits / p)
+        p, slopes = self.predict_with_slopes(point)
+        return float(self.compute_loss_of_probabilities(p)), slopes @ (
+            (totals - hits) / (1.0 - p) - hits / p
+        )
 
     def maximise_likelihood(
-        self, start: Sequence[float], held: int = -1, value: float = 0.0
+        self, start: Sequence[float], held_index: int = -1, held_value: float = 0.0
     ) -> OptimizeResult:
-        """Maximise the likelihood; the parameter in the place `held`, if any, stays at `value`."""
+        """Maximise the likelihood; a parameter at `held_index`, if any, stays at `held_value`."""
         bounds = list(self.bounds)
-        if held >= 0:
-            bounds[held] = (value, value)
+        if held_index >= 0:
+            bounds[held_index] = (held_value, held_value)
         return minimize(
-            self.compute_loss,
+            self.compute_loss_and_slopes,
             start,
             jac=True,
             method="L-BFGS-B",
@@ -185,12 +189,12 @@ def fit_psychometric(
     """
     counts = _select_tried_levels(levels, hits, totals)
     likelihood = _CurveLikelihood(counts)
-    start = _guess_start(likelihood.log_levels, counts)
+    start = _estimate_start_by_probit(likelihood.log_levels, counts)
     best = _maximise_from_starts(likelihood, start)
     # what a spread of zero loses more; where that is nothing, all small spreads fit alike
-    sharper = float(likelihood.compute_loss_of(_predict_step_functions(counts)).min()) - float(
-        best.fun
-    )
+    sharper = float(
+        likelihood.compute_loss_of_probabilities(_predict_step_functions(counts)).min()
+    ) - float(best.fun)
     middle = _estimate_by_profile(likelihood, best, _MIDDLE, start)
     log_spread = _estimate_by_profile(likelihood, best, _LOG_SPREAD, start)
     trials = f"{counts.totals.sum():.0f} trials"
@@ -208,14 +212,14 @@ def fit_psychometric(
     lowest = log_spread.low
     if not 2.0 * sharper > _CHI95:
         lowest = -math.inf
-    predicted, slopes = likelihood.predict(best.x)
-    quality = assess_fit(predicted, slopes, counts.hits, counts.totals)
-    saturated = float(likelihood.compute_loss_of(counts.hits / counts.totals))
+    predicted, slopes = likelihood.predict_with_slopes(best.x)
+    quality = assess_goodness_of_fit(predicted, slopes, counts.hits, counts.totals)
+    saturated = float(likelihood.compute_loss_of_probabilities(counts.hits / counts.totals))
     lapse = float(best.x[-1])
     return Psychometric(
         threshold=middle.transform(math.exp),
         spread=math.exp(log_spread.value),
-        weber=log_spread._replace(low=lowest).transform(compute_weber),
+        weber=log_spread._replace(low=lowest).transform(compute_weber_fraction),
         lapse=lapse,
         deviance=2.0 * (float(best.fun) - saturated),
         df=len(counts.levels) - _PARAMETERS,
@@ -248,7 +252,9 @@ def estimate_psychometric(levels: Array, hits: Array, totals: Array) -> CurveEst
     """
     counts = _select_tried_levels(levels, hits, totals)
     likelihood = _CurveLikelihood(counts)
-    best = _maximise_from_starts(likelihood, _guess_start(likelihood.log_levels, counts))
+    best = _maximise_from_starts(
+        likelihood, _estimate_start_by_probit(likelihood.log_levels, counts)
+    )
     return CurveEstimate(*(float(value) for value in best.x))
 
 
@@ -264,14 +270,14 @@ def _maximise_from_starts(likelihood: _CurveLikelihood, start: _Start) -> Optimi
 
 
 def _estimate_by_profile(
-    likelihood: _CurveLikelihood, best: OptimizeResult, place: int, start: _Start
+    likelihood: _CurveLikelihood, best: OptimizeResult, parameter_index: int, start: _Start
 ) -> Bounded:
     """Estimate a parameter with the ends of its interval by profile likelihood, at 95 %.
 
-    `best` is the maximum of the likelihood, `place` that of the parameter in a point.
+    `best` is the maximum of the likelihood, `parameter_index` that of the parameter in a point.
     """
 
-    def excess(value: float) -> float:
+    def compute_profile_excess(value: float) -> float:
         """Return by how much the profile lies beyond its 95 % limit at a value."""
         points = [
             [*best.x],
@@ -280,21 +286,23 @@ def _estimate_by_profile(
         ]
         losses = []
         for point in points:
-            point[place] = value
-            losses.append(float(likelihood.maximise_likelihood(point, place, value).fun))
+            point[parameter_index] = value
+            losses.append(float(likelihood.maximise_likelihood(point, parameter_index, value).fun))
         return 2.0 * (min(losses) - float(best.fun)) - _CHI95
 
-    value = float(best.x[place])
-    lowest, highest = likelihood.bounds[place]
+    value = float(best.x[parameter_index])
+    lowest, highest = likelihood.bounds[parameter_index]
     step = _PROFILE_STEP * math.exp(min(best.x[_LOG_SPREAD], 1.0))
     return Bounded(
         value,
-        find_crossing(excess, value, lowest, -step),
-        find_crossing(excess, value, highest, step),
+        find_root_by_stepping(compute_profile_excess, value, lowest, -step),
+        find_root_by_stepping(compute_profile_excess, value, highest, step),
     )
 
 
-def find_crossing(excess: Callable[[float], float], start: float, end: float, step: float) -> float:
+def find_root_by_stepping(
+    function: Callable[[float], float], start: float, end: float, step: float
+) -> float:
     """Step from a start, where a function is negative, to its root; infinite beyond the end.
 
     The sign of the step is the direction, also where the start is the end.
@@ -305,35 +313,37 @@ def find_crossing(excess: Callable[[float], float], start: float, end: float, st
     while above <= 0.0 and outer != end:
         inner = outer
         outer = limit(outer + step, end)
-        above = excess(outer)
+        above = function(outer)
         step *= 2.0
     if not above > 0.0:
         return step * math.inf
-    return float(brentq(excess, inner, outer, xtol=1e-6))
+    return float(brentq(function, inner, outer, xtol=1e-6))
 
 
-def assess_fit(p: Array, slopes: Array, hits: Array, totals: Array) -> FitQuality:
+def assess_goodness_of_fit(
+    probabilities: Array, slopes: Array, hits: Array, totals: Array
+) -> FitQuality:
     """Compare Pearson's chi squared with that of answers that the fitted function gives.
 
     Parameters
     ----------
-    p : ndarray, shape (n,)
+    probabilities : ndarray, shape (n,)
         Predicted probability of a hit at each level.
     slopes : ndarray, shape (parameters, n)
-        Derivatives of `p` by the parameters.
+        Derivatives of `probabilities` by the parameters.
     hits, totals : ndarray, shape (n,)
         Answers "higher", and trials, at each level.
     """
     # In place of a fit to each simulated table, what a fit would take up is projected out.
-    weight = np.sqrt(totals / (p * (1.0 - p)))
+    weight = np.sqrt(totals / (probabilities * (1.0 - probabilities)))
     fitted = np.linalg.qr((weight * slopes).T)[0]
-    shape = (_SIMULATED_TABLES, len(p))
-    drawn = np.random.default_rng(1).binomial(totals.astype(int), p, shape) / totals
-    residuals = weight * (np.vstack([hits / totals, drawn]) - p)
+    shape = (_SIMULATED_TABLES, len(probabilities))
+    drawn = np.random.default_rng(1).binomial(totals.astype(int), probabilities, shape) / totals
+    residuals = weight * (np.vstack([hits / totals, drawn]) - probabilities)
     squares = np.sum((residuals - residuals @ fitted @ fitted.T) ** 2, axis=1)
     observed, simulated = squares[0], squares[1:]
     share = float((simulated >= observed * (1.0 - 1e-9)).mean())
-    return FitQuality(float(observed) / max(len(p) - _PARAMETERS, 1), share)
+    return FitQuality(float(observed) / max(len(probabilities) - _PARAMETERS, 1), share)
 
 
 def _predict_step_functions(counts: _Counts) -> Array:
@@ -357,9 +367,9 @@ def _predict_step_functions(counts: _Counts) -> Array:
     return np.asarray(np.where(same, at_step, away_from_step))
 
 
-def compute_weber(log_sigma: float) -> float:
+def compute_weber_fraction(log_spread: float) -> float:
     """Return the Weber fraction of a spread, given as its logarithm."""
-    return math.expm1(min(Z75 * math.exp(min(log_sigma, 20.0)), 700.0))
+    return math.expm1(min(Z75 * math.exp(min(log_spread, 20.0)), 700.0))
 
 
 def _select_tried_levels(
@@ -386,7 +396,7 @@ def _select_tried_levels(
     return _Counts(x[tried], k[tried], n[tried])
 
 
-def _guess_start(log_levels: Array, counts: _Counts) -> _Start:
+def _estimate_start_by_probit(log_levels: Array, counts: _Counts) -> _Start:
     """Return the middle and ln(spread) of a probit; refuse answers that have none."""
     _, hits, totals = counts
     intercept, slope = _fit_probit(log_levels, hits, totals)

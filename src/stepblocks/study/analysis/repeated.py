@@ -12,7 +12,7 @@ from scipy import integrate, linalg, optimize, stats
 
 from stepblocks.contact import Array
 from stepblocks.files.tables import Table
-from stepblocks.study.analysis.anova import Interval, Term, make_interval, make_term
+from stepblocks.study.analysis.anova import Interval, Term, make_term, make_tukey_interval
 
 _FAR = 20.0  # from t, how far its noncentrality is sought [1]
 _TINY = 1e-300  # keeps a quotient of variances that vanish finite
@@ -53,7 +53,7 @@ class _Mauchly(NamedTuple):
     p: float
 
 
-def average_participants(data: Table) -> Table:
+def tabulate_participant_means(data: Table) -> Table:
     """Return the mean of ``value`` of each participant (rows) in each condition (columns)."""
     # what a block adds is taken off first, so that a missing judgement moves no mean
     if "stimulus" in data:
@@ -62,8 +62,8 @@ def average_participants(data: Table) -> Table:
     return data.groupby(["participant", "condition"])["value"].mean().unstack()
 
 
-def assess_effect(
-    name: str, table: Array, contrasts: Array, group: ArrayLike = ""
+def assess_contrast_effect(
+    term_name: str, participant_means: Array, contrasts: Array, participant_groups: ArrayLike = ""
 ) -> CorrectedTest:
     """Test orthonormal contrasts of participants' means, corrected for sphericity.
 
@@ -71,13 +71,13 @@ def assess_effect(
 
     Parameters
     ----------
-    name : str
+    term_name : str
         Of the term.
-    table : ndarray, shape (participants, conditions)
+    participant_means : ndarray, shape (participants, conditions)
         Means of the participants.
     contrasts : ndarray, shape (q, conditions)
         Orthonormal rows.
-    group : array_like, shape (participants,), optional
+    participant_groups : array_like, shape (participants,), optional
         Group of each participant.
 
     Returns
@@ -93,9 +93,9 @@ def assess_effect(
     doi:10.3102/10769986001001069; of groups Lecoutre, B. (1991), ibid. 16, 371-372,
     doi:10.3102/10769986016004371.
     """
-    values = table @ contrasts.T
+    values = participant_means @ contrasts.T
     people, q = values.shape
-    index = np.unique(np.broadcast_to(group, people), return_inverse=True)[1]
+    index = np.unique(np.broadcast_to(participant_groups, people), return_inverse=True)[1]
     groups = int(index.max()) + 1
     member = np.eye(groups)[index]
     freedom = people - groups
@@ -110,64 +110,70 @@ def assess_effect(
     rank = max(groups - 1, 1)
     f = float((explained**2).sum()) / rank / max(trace, _TINY)
     df = q * sphericity.huynh_feldt
-    return CorrectedTest(make_term(name, rank * df, freedom * df, math.nan, f), sphericity)
+    return CorrectedTest(make_term(term_name, rank * df, freedom * df, math.nan, f), sphericity)
 
 
-def _assess_sphericity(covariance: Array, freedom: int) -> Sphericity:
+def _assess_sphericity(covariance: Array, dof: int) -> Sphericity:
     """Return both epsilons and Mauchly's test.
 
-    `covariance`, shape (q, q), is that of orthonormal contrasts with `freedom` degrees of freedom.
+    `covariance`, shape (q, q), is that of orthonormal contrasts with `dof` degrees of freedom.
     """
     q = len(covariance)
     trace = float(np.trace(covariance))
     epsilon = trace**2 / (q * max(float((covariance * covariance).sum()), _TINY))
-    unbiased = ((freedom + 1.0) * q * epsilon - 2.0) / (q * max(freedom - q * epsilon, _TINY))
+    unbiased = ((dof + 1.0) * q * epsilon - 2.0) / (q * max(dof - q * epsilon, _TINY))
     huynh_feldt = float(np.clip(unbiased, epsilon, 1.0))
-    mauchly = _test_by_mauchly(covariance, freedom)
+    mauchly = _compute_mauchly_test(covariance, dof)
     return Sphericity(epsilon, huynh_feldt, mauchly.statistic, mauchly.p)
 
 
-def _test_by_mauchly(covariance: Array, freedom: int) -> _Mauchly:
+def _compute_mauchly_test(covariance: Array, dof: int) -> _Mauchly:
     """Test whether a covariance, shape (q, q), is a multiple of the identity.
 
     Mauchly, J. W. (1940), doi:10.1214/aoms/1177731915.
     """
     q = len(covariance)
-    if q < 2 or q > freedom:
+    if q < 2 or q > dof:
         return _Mauchly(math.nan, math.nan)
     statistic = float(np.linalg.det(covariance / (float(np.trace(covariance)) / q)))
-    scale = freedom - (2.0 * q * q + q + 2.0) / (6.0 * q)
+    scale = dof - (2.0 * q * q + q + 2.0) / (6.0 * q)
     chi_squared = -scale * math.log(max(statistic, _TINY))
     return _Mauchly(statistic, float(stats.chi2.sf(chi_squared, q * (q + 1) / 2.0 - 1.0)))
 
 
-def assess_factors(table: Table, levels: Mapping[str, Sequence[str]]) -> Iterator[Term]:
+def iterate_factor_tests(
+    participant_means: Table, levels: Mapping[str, Sequence[str]]
+) -> Iterator[Term]:
     """Test every factor and interaction of a table whose columns cross all levels, in order.
 
     Parameters
     ----------
-    table : DataFrame
+    participant_means : DataFrame
         Means of the participants (rows) in each condition (columns).
     levels : mapping of sequence of str
         Levels of each factor; those of the last vary fastest over the columns.
     """
     for size in range(1, len(levels) + 1):
         for chosen in itertools.combinations(levels, size):
-            contrasts = _make_contrasts(levels, chosen)
-            yield assess_effect(":".join(chosen), table.to_numpy(), contrasts).term
+            contrasts = _build_interaction_contrasts(levels, chosen)
+            yield assess_contrast_effect(
+                ":".join(chosen), participant_means.to_numpy(), contrasts
+            ).term
 
 
-def _make_contrasts(levels: Mapping[str, Sequence[str]], chosen: Sequence[str]) -> Array:
+def _build_interaction_contrasts(
+    levels: Mapping[str, Sequence[str]], chosen_factors: Sequence[str]
+) -> Array:
     """Return the contrasts of an interaction of the chosen factors, averaged over the others."""
     contrasts: Array = np.ones((1, 1))
     for name, values in levels.items():
         helmert = linalg.helmert(len(values), full=True)  # its first row is the mean
-        rows = helmert[1:] if name in chosen else helmert[:1]
+        rows = helmert[1:] if name in chosen_factors else helmert[:1]
         contrasts = np.asarray(np.kron(contrasts, rows), dtype=np.float64)
     return contrasts
 
 
-def compare_participants(table: Table) -> tuple[Interval, ...]:
+def compare_conditions_within_participants(table: Table) -> tuple[Interval, ...]:
     """Compare every two columns by the participants' own differences.
 
     Intervals hold together after Games, P. A., Howell, J. F. (1976), J. Educational Statistics 1,
@@ -182,7 +188,7 @@ def compare_participants(table: Table) -> tuple[Interval, ...]:
         mean = float(differences.mean())
         spread = float(differences.std())
         found.append(
-            make_interval(
+            make_tukey_interval(
                 first,
                 second,
                 mean,
@@ -195,53 +201,61 @@ def compare_participants(table: Table) -> tuple[Interval, ...]:
     return tuple(found)
 
 
-def compute_bayes_factor(t: float, people: float) -> float:
+def compute_null_bayes_factor(t_statistic: float, participant_count: float) -> float:
     """Return the Bayes factor for no difference, from Student's t of paired differences.
 
     The effect size under a difference has a Cauchy prior of scale 0.707: Rouder et al. (2009),
     Psychonomic Bulletin & Review 16, 225-237, doi:10.3758/PBR.16.2.225.
     """
-    df = people - 1.0
+    df = participant_count - 1.0
 
-    def weigh_variance(g: float) -> float:
+    def compute_weighted_likelihood(effect_variance: float) -> float:
         """Return the likelihood of t times the prior of the variance g of the effect size."""
-        wide = 1.0 + 0.5 * people * g
-        log = -0.5 * math.log(wide) - 0.5 * (df + 1.0) * math.log1p(t * t / (wide * df))
-        return math.exp(log - 1.5 * math.log(g) - 0.5 / g) / math.sqrt(2.0 * math.pi)
+        wide = 1.0 + 0.5 * participant_count * effect_variance
+        log = -0.5 * math.log(wide) - 0.5 * (df + 1.0) * math.log1p(
+            t_statistic * t_statistic / (wide * df)
+        )
+        return math.exp(log - 1.5 * math.log(effect_variance) - 0.5 / effect_variance) / math.sqrt(
+            2.0 * math.pi
+        )
 
-    null = math.exp(-0.5 * (df + 1.0) * math.log1p(t * t / df))
-    alternative, _ = integrate.quad(weigh_variance, 0.0, math.inf)
+    null = math.exp(-0.5 * (df + 1.0) * math.log1p(t_statistic * t_statistic / df))
+    alternative, _ = integrate.quad(compute_weighted_likelihood, 0.0, math.inf)
     return null / float(alternative)
 
 
-def compute_effect_interval(t: float, people: float) -> tuple[float, float]:
+def compute_effect_size_interval(
+    t_statistic: float, participant_count: float
+) -> tuple[float, float]:
     """Return the 95 % interval of d, the mean over the standard deviation of differences [1].
 
     By the noncentral t distribution: Steiger, J. H., Fouladi, R. T. (1997), Noncentrality interval
     estimation and the evaluation of statistical models.
     """
-    df, scale = people - 1.0, math.sqrt(people)
-    reach = abs(t) + _FAR
+    df, scale = participant_count - 1.0, math.sqrt(participant_count)
+    reach = abs(t_statistic) + _FAR
 
     def compute_probability_below(delta: float) -> float:
         """Return the probability of less than t under a noncentrality; 0 or 1 far off."""
-        found = float(stats.nct.cdf(t, df, delta))
+        found = float(stats.nct.cdf(t_statistic, df, delta))
         if math.isnan(found):
-            return float(delta < t)
+            return float(delta < t_statistic)
         return found
 
     def find_noncentrality(probability: float) -> float:
         """Find the noncentrality under which less than t has a probability."""
         return float(
             optimize.brentq(
-                lambda delta: compute_probability_below(delta) - probability, t - reach, t + reach
+                lambda delta: compute_probability_below(delta) - probability,
+                t_statistic - reach,
+                t_statistic + reach,
             )
         )
 
     return find_noncentrality(0.975) / scale, find_noncentrality(0.025) / scale
 
 
-def approximate_bayes_factor(term: Term) -> float:
+def approximate_null_bayes_factor(term: Term) -> float:
     """Return the approximate Bayes factor for no effect, from an F within participants.
 
     By the Bayesian information criterion: Masson, M. E. J. (2011), Behavior Research Methods 43,

@@ -19,16 +19,16 @@ from stepblocks.study.analysis.findings import (
     PlannedTest,
     RatingTest,
 )
-from stepblocks.study.analysis.influence import Influence, leave_out_each
+from stepblocks.study.analysis.influence import Influence, iterate_influences
 from stepblocks.study.analysis.log_error import LogError
 from stepblocks.study.analysis.magnitudes import PowerLaw
 from stepblocks.study.analysis.mixed import MixedFit, Slope
-from stepblocks.study.analysis.psychometric import Z975, compute_weber
+from stepblocks.study.analysis.psychometric import Z975, compute_weber_fraction
 from stepblocks.study.analysis.repeated import (
     Sphericity,
-    approximate_bayes_factor,
-    compute_bayes_factor,
-    compute_effect_interval,
+    approximate_null_bayes_factor,
+    compute_effect_size_interval,
+    compute_null_bayes_factor,
 )
 
 RowIterator = Iterator["ResultRow"]
@@ -121,33 +121,33 @@ COLUMNS = tuple(column.name for column in fields(ResultRow))
 FIGURES = COLUMNS[4:]
 
 
-def yield_result_rows(analysis: Analysis, findings: Sequence[Finding]) -> RowIterator:
+def iterate_result_rows(analysis: Analysis, findings: Sequence[Finding]) -> RowIterator:
     """Yield every figure of an analysis; `findings` are its planned tests."""
     for finding in findings:
         name = AnalysisName.PRIMARY if finding.primary else AnalysisName.SECONDARY
         yield ResultRow("", name, finding.name, p=finding.corrected)
     for measure in _sort_measures(analysis, findings):
-        for row in _yield_measure(measure):
+        for row in _iterate_measure_rows(measure):
             yield replace(row, measure=measure.name)
     for log_error in analysis.log_errors:
-        yield from _yield_log_error(log_error)
-    yield from _yield_rating_tests(analysis)
+        yield from _iterate_log_error_rows(log_error)
+    yield from _iterate_rating_test_rows(analysis)
     for setting in analysis.comparisons:
-        yield from _yield_psychometric_functions(setting)
-    yield from _yield_contrasts(analysis)
+        yield from _iterate_curve_rows_of_setting(setting)
+    yield from _iterate_contrast_rows(analysis)
     for law in analysis.power_laws:
-        yield from _yield_power_law(law, names_condition=len(analysis.power_laws) > 1)
+        yield from _iterate_power_law_rows(law, names_condition=len(analysis.power_laws) > 1)
     for interval in analysis.exponents:
-        difference = _describe_difference(interval)
-        yield _make_row(
+        difference = _format_difference_name(interval)
+        yield _make_estimate_row(
             AnalysisName.POWER_LAW,
             f"{EXPONENT}, {difference}",
             interval.bounds,
             df_error=interval.df,
             p=interval.p,
         )
-        yield from _yield_equivalence(interval, False, before=f"{EXPONENT}, ")
-    for influence in leave_out_each(analysis, findings):
+        yield from _iterate_equivalence_rows(interval, False, quantity_prefix=f"{EXPONENT}, ")
+    for influence in iterate_influences(analysis, findings):
         yield _make_influence_row(influence)
 
 
@@ -157,7 +157,7 @@ def _sort_measures(analysis: Analysis, findings: Sequence[Finding]) -> list[Meas
     return sorted(analysis.measures, key=lambda measure: measure.name not in first)
 
 
-def _make_row(
+def _make_estimate_row(
     analysis: AnalysisName,
     quantity: str,
     bounds: Bounded,
@@ -188,7 +188,7 @@ def _make_row(
 
 def _make_term_row(analysis: AnalysisName, term: Term) -> ResultRow:
     """Lay out a line of an analysis of variance."""
-    return _make_row(
+    return _make_estimate_row(
         analysis,
         f"{term.name}, partial eta squared",
         Bounded(term.eta_squared, term.eta_low, term.eta_high),
@@ -199,58 +199,58 @@ def _make_term_row(analysis: AnalysisName, term: Term) -> ResultRow:
     )
 
 
-def _describe_difference(interval: Interval, logarithmic: bool = False) -> str:
+def _format_difference_name(interval: Interval, logarithmic: bool = False) -> str:
     """Name a difference; of logarithms it is a ratio."""
     if logarithmic:
         return f"{interval.first} over {interval.second}"
     return f"{interval.first} minus {interval.second}"
 
 
-def _yield_family(
+def _iterate_interval_rows(
     analysis: AnalysisName, intervals: Sequence[Interval], logarithmic: bool
 ) -> RowIterator:
     """Lay out differences of a measure, each with its effect size."""
     for interval in intervals:
-        quantity = _describe_difference(interval, logarithmic)
+        quantity = _format_difference_name(interval, logarithmic)
         bounds, unit = interval.bounds, Unit.MICROMETRES
         if logarithmic:
             bounds, unit = bounds.transform(math.exp), Unit.NONE
         t = interval.difference / interval.error
-        yield _make_row(
+        yield _make_estimate_row(
             analysis, quantity, bounds, unit, statistic=t, df_error=interval.df, p=interval.p
         )
         low, high = math.nan, math.nan
         if analysis is AnalysisName.PAIRED:
-            low, high = compute_effect_interval(t, interval.df + 1.0)
+            low, high = compute_effect_size_interval(t, interval.df + 1.0)
         yield ResultRow(
             "",
             analysis,
-            f"{_describe_difference(interval)}, over the {analysis.effect_scale}",
+            f"{_format_difference_name(interval)}, over the {analysis.effect_scale}",
             estimate=interval.effect_size,
             low_95=low,
             high_95=high,
         )
 
 
-def _yield_equivalence(
+def _iterate_equivalence_rows(
     interval: Interval,
     logarithmic: bool,
     unit: Unit = Unit.NONE,
-    before: str = "",
+    quantity_prefix: str = "",
     margin: float = math.nan,
 ) -> RowIterator:
     """Yield the bound of a difference between two settings; of logarithms, a ratio."""
     equivalence = assess_equivalence(interval, margin)
-    quantity = f"{before}{interval.first} and {interval.second} differ by less than"
+    quantity = f"{quantity_prefix}{interval.first} and {interval.second} differ by less than"
     bound = equivalence.bound
     if logarithmic:
         quantity = f"{quantity} a factor of"
         unit = Unit.NONE
         bound = math.exp(bound)
     upper = Bounded(math.nan, math.nan, bound)
-    yield _make_row(AnalysisName.EQUIVALENCE, quantity, upper, unit, df_error=interval.df)
+    yield _make_estimate_row(AnalysisName.EQUIVALENCE, quantity, upper, unit, df_error=interval.df)
     if math.isfinite(margin):
-        yield _make_row(
+        yield _make_estimate_row(
             AnalysisName.EQUIVALENCE,
             f"{quantity} the margin",
             Bounded(margin, math.nan, math.nan),
@@ -261,39 +261,39 @@ def _yield_equivalence(
         )
 
 
-def _yield_measure(measure: Measure) -> RowIterator:
+def _iterate_measure_rows(measure: Measure) -> RowIterator:
     """Yield the figures of a measure of accuracy."""
     logarithmic = measure.is_logarithmic
     for term in measure.f_test.terms:
         yield _make_term_row(AnalysisName.F_TEST, term)
-    yield from _yield_family(AnalysisName.TUKEY, measure.f_test.intervals, logarithmic)
+    yield from _iterate_interval_rows(AnalysisName.TUKEY, measure.f_test.intervals, logarithmic)
     if measure.mixed.condition is not None:
         yield _make_term_row(AnalysisName.MIXED, measure.mixed.condition)
-        yield from _yield_family(AnalysisName.MIXED, measure.mixed.intervals, logarithmic)
+        yield from _iterate_interval_rows(AnalysisName.MIXED, measure.mixed.intervals, logarithmic)
     if measure.corrected is not None and measure.sphericity is not None:
         yield _make_term_row(AnalysisName.CORRECTED, measure.corrected)
-        yield from _yield_sphericity(measure.sphericity)
-    yield from _yield_family(AnalysisName.PAIRED, measure.paired, logarithmic)
-    yield from _yield_bayes_factors(measure.paired)
+        yield from _iterate_sphericity_rows(measure.sphericity)
+    yield from _iterate_interval_rows(AnalysisName.PAIRED, measure.paired, logarithmic)
+    yield from _iterate_bayes_factor_rows(measure.paired)
     for term in measure.factors:
-        yield from _yield_factor_tests(term)
-    yield from _yield_means(measure)
-    yield from _yield_deviations(measure.mixed, logarithmic)
+        yield from _iterate_factor_test_rows(term)
+    yield from _iterate_mean_rows(measure)
+    yield from _iterate_deviation_rows(measure.mixed, logarithmic)
     if measure.mixed.slope is not None:
         yield _make_slope_row(measure.mixed.slope)
     for interval in (*measure.mixed.intervals, *measure.group_intervals):
-        yield from _yield_equivalence(
+        yield from _iterate_equivalence_rows(
             interval, logarithmic, Unit.MICROMETRES, margin=measure.margin
         )
     for term in measure.groups:
         yield _make_term_row(AnalysisName.GROUPS, term)
-    yield from _yield_family(AnalysisName.GROUPS, measure.group_intervals, logarithmic)
+    yield from _iterate_interval_rows(AnalysisName.GROUPS, measure.group_intervals, logarithmic)
 
 
 def _make_slope_row(slope: Slope) -> ResultRow:
     """Lay out by how much a measure changes over ten trials."""
     reach = slope.error * float(stats.t.ppf(_UPPER, slope.df))
-    return _make_row(
+    return _make_estimate_row(
         AnalysisName.ORDER,
         "change over 10 trials",
         Bounded(slope.value, slope.value - reach, slope.value + reach),
@@ -304,7 +304,7 @@ def _make_slope_row(slope: Slope) -> ResultRow:
     )
 
 
-def _yield_sphericity(sphericity: Sphericity) -> RowIterator:
+def _iterate_sphericity_rows(sphericity: Sphericity) -> RowIterator:
     """Yield both epsilons and Mauchly's test."""
     name = AnalysisName.SPHERICITY
     yield ResultRow("", name, "epsilon of Greenhouse and Geisser", estimate=sphericity.epsilon)
@@ -312,42 +312,44 @@ def _yield_sphericity(sphericity: Sphericity) -> RowIterator:
     yield ResultRow("", name, "W of Mauchly", statistic=sphericity.statistic, p=sphericity.p)
 
 
-def _yield_bayes_factors(intervals: Sequence[Interval]) -> RowIterator:
+def _iterate_bayes_factor_rows(intervals: Sequence[Interval]) -> RowIterator:
     """Yield the Bayes factor of each paired difference."""
     for interval in intervals:
         yield ResultRow(
             "",
             AnalysisName.BAYES,
             f"BF01, {interval.first} and {interval.second}, no difference over a difference",
-            estimate=compute_bayes_factor(interval.difference / interval.error, interval.df + 1.0),
+            estimate=compute_null_bayes_factor(
+                interval.difference / interval.error, interval.df + 1.0
+            ),
         )
 
 
-def _yield_factor_tests(term: Term) -> RowIterator:
+def _iterate_factor_test_rows(term: Term) -> RowIterator:
     """Yield the test of a declared factor, and its Bayes factor."""
     yield _make_term_row(AnalysisName.FACTORS, term)
     if math.isclose(term.df, 1.0):  # of two levels, F is the square of Student's t
-        factor = compute_bayes_factor(math.sqrt(term.f), term.df_error + 1.0)
+        factor = compute_null_bayes_factor(math.sqrt(term.f), term.df_error + 1.0)
     else:
-        factor = approximate_bayes_factor(term)
+        factor = approximate_null_bayes_factor(term)
     yield ResultRow(
         "", AnalysisName.BAYES, f"{term.name}, no effect over an effect", estimate=factor
     )
 
 
-def _yield_means(measure: Measure) -> RowIterator:
+def _iterate_mean_rows(measure: Measure) -> RowIterator:
     """Yield the mean of each condition; of logarithms it is the geometric mean."""
     name = "error" if measure.name == BIAS else measure.name
     for condition, mean, error in measure.mixed.means:
         bounds = Bounded(mean, mean - Z975 * error, mean + Z975 * error)
         if measure.is_logarithmic:
             bounds = bounds.transform(math.exp)
-        yield _make_row(
+        yield _make_estimate_row(
             AnalysisName.MIXED, f"mean {name} with {condition}", bounds, Unit.MICROMETRES
         )
 
 
-def _yield_deviations(mixed: MixedFit, logarithmic: bool) -> RowIterator:
+def _iterate_deviation_rows(mixed: MixedFit, logarithmic: bool) -> RowIterator:
     """Yield the standard deviations of a mixed model."""
     unit = Unit.NONE if logarithmic else Unit.MICROMETRES
     deviations = {
@@ -365,12 +367,12 @@ def _yield_deviations(mixed: MixedFit, logarithmic: bool) -> RowIterator:
         )
 
 
-def _yield_log_error(error: LogError) -> RowIterator:
+def _iterate_log_error_rows(error: LogError) -> RowIterator:
     """Yield mean and root mean square of ln(estimate / height)."""
     where = f" with {error.condition}" if error.condition else ""
     name = "ln(estimate / height)"
     for quantity, bounds in (("mean", error.mean), ("root mean square", error.rms)):
-        yield _make_row(
+        yield _make_estimate_row(
             AnalysisName.LOGARITHM,
             f"{quantity} of {name}{where}",
             bounds,
@@ -378,7 +380,7 @@ def _yield_log_error(error: LogError) -> RowIterator:
         )
 
 
-def _yield_rating_tests(analysis: Analysis) -> RowIterator:
+def _iterate_rating_test_rows(analysis: Analysis) -> RowIterator:
     """Yield, for each rating, its test over participants and the odds of its effects."""
     for name, fit in analysis.ordinal.items():
         test = fit.participants
@@ -394,101 +396,115 @@ def _yield_rating_tests(analysis: Analysis) -> RowIterator:
         before = f"{name}: odds of a higher rating, "
         for effect in fit.effects:
             yield _make_ratio_row(AnalysisName.ORDINAL, before, effect)
-            yield from _yield_equivalence(effect, True, before=before)
+            yield from _iterate_equivalence_rows(effect, True, quantity_prefix=before)
 
 
-def _make_ratio_row(analysis: AnalysisName, before: str, interval: Interval) -> ResultRow:
+def _make_ratio_row(analysis: AnalysisName, quantity_prefix: str, interval: Interval) -> ResultRow:
     """Lay out a difference of logarithms as a ratio."""
-    quantity = before + _describe_difference(interval, logarithmic=True)
-    return _make_row(analysis, quantity, interval.bounds.transform(math.exp), p=interval.p)
+    quantity = quantity_prefix + _format_difference_name(interval, logarithmic=True)
+    return _make_estimate_row(analysis, quantity, interval.bounds.transform(math.exp), p=interval.p)
 
 
-def _yield_psychometric_functions(setting: Comparisons) -> RowIterator:
+def _iterate_curve_rows_of_setting(setting: Comparisons) -> RowIterator:
     """Yield the psychometric functions of the group and of each participant in one setting."""
     where = f"{setting.setting}: " if setting.setting else ""
-    yield from _yield_population(setting, where)
+    yield from _iterate_population_rows(setting, where)
     for curve in setting.curves:
-        yield from _yield_curve(curve, f"{where}participant {curve.who}")
+        yield from _iterate_curve_rows(curve, f"{where}participant {curve.who}")
     for member in setting.people:
-        yield from _yield_member(member, f"{where}participant {member.participant}, in the group")
+        yield from _iterate_member_rows(
+            member, f"{where}participant {member.participant}, in the group"
+        )
 
 
-def _yield_population(setting: Comparisons, where: str) -> RowIterator:
+def _iterate_population_rows(setting: Comparisons, quantity_prefix: str) -> RowIterator:
     """Yield the means over participants, if there are any."""
     equal, spread = setting.equal, setting.spread
     if equal is None or spread is None:
         return
     name = AnalysisName.CURVE
     heights = equal.bounds.transform(lambda log: setting.standard * math.exp(log))
-    yield _make_row(
+    yield _make_estimate_row(
         name,
-        f"{where}population, point of subjective equality",
+        f"{quantity_prefix}population, point of subjective equality",
         heights,
         Unit.MICROMETRES,
         p=equal.p,
     )
-    fractions = spread.bounds.transform(compute_weber)
-    yield _make_row(name, f"{where}population, Weber fraction of the height", fractions)
+    fractions = spread.bounds.transform(compute_weber_fraction)
+    yield _make_estimate_row(
+        name, f"{quantity_prefix}population, Weber fraction of the height", fractions
+    )
     for quantity, estimate in (("points of subjective equality", equal), ("spreads", spread)):
         yield ResultRow(
             "",
             name,
-            f"{where}standard deviation of ln({quantity}) between participants",
+            f"{quantity_prefix}standard deviation of ln({quantity}) between participants",
             estimate=estimate.spread,
         )
 
 
-def _yield_curve(curve: Curve, name: str) -> RowIterator:
+def _iterate_curve_rows(curve: Curve, quantity_prefix: str) -> RowIterator:
     """Yield the psychometric function of a participant, or why there is none."""
     analysis = AnalysisName.CURVE
     fit = curve.fit
     if fit is None:
-        yield ResultRow("", analysis, f"{name}: not fitted, {curve.reason}")
+        yield ResultRow("", analysis, f"{quantity_prefix}: not fitted, {curve.reason}")
         return
-    yield _make_row(
-        analysis, f"{name}, point of subjective equality", fit.threshold, Unit.MICROMETRES
+    yield _make_estimate_row(
+        analysis,
+        f"{quantity_prefix}, point of subjective equality",
+        fit.threshold,
+        Unit.MICROMETRES,
     )
-    yield _make_row(analysis, f"{name}, Weber fraction of the height", fit.weber)
-    yield ResultRow("", analysis, f"{name}, lapse rate", estimate=fit.lapse)
-    yield ResultRow("", analysis, f"{name}, deviance", statistic=fit.deviance, df=fit.df)
+    yield _make_estimate_row(
+        analysis, f"{quantity_prefix}, Weber fraction of the height", fit.weber
+    )
+    yield ResultRow("", analysis, f"{quantity_prefix}, lapse rate", estimate=fit.lapse)
+    yield ResultRow("", analysis, f"{quantity_prefix}, deviance", statistic=fit.deviance, df=fit.df)
     yield ResultRow(
         "",
         analysis,
-        f"{name}, dispersion of the answers",
+        f"{quantity_prefix}, dispersion of the answers",
         estimate=fit.dispersion,
         p=fit.p_fit,
     )
 
 
-def _yield_member(member: GroupMember, name: str) -> RowIterator:
+def _iterate_member_rows(member: GroupMember, quantity_prefix: str) -> RowIterator:
     """Yield the psychometric function of a participant as drawn towards the group."""
     unit = Unit.MICROMETRES
     yield ResultRow(
         "",
         AnalysisName.CURVE,
-        f"{name}, point of subjective equality",
+        f"{quantity_prefix}, point of subjective equality",
         unit,
         estimate=member.equality * unit.units_per_si_unit,
     )
     yield ResultRow(
-        "", AnalysisName.CURVE, f"{name}, Weber fraction of the height", estimate=member.weber
+        "",
+        AnalysisName.CURVE,
+        f"{quantity_prefix}, Weber fraction of the height",
+        estimate=member.weber,
     )
 
 
-def _yield_contrasts(analysis: Analysis) -> RowIterator:
+def _iterate_contrast_rows(analysis: Analysis) -> RowIterator:
     """Yield the differences of comparisons between settings."""
     for quantity, family in analysis.contrasts.items():
         before = f"{quantity}, "
         for interval in family:
             yield _make_ratio_row(AnalysisName.CONTRAST, before, interval)
-            yield from _yield_equivalence(interval, True, before=before)
+            yield from _iterate_equivalence_rows(interval, True, quantity_prefix=before)
 
 
-def _yield_power_law(law: PowerLaw, names_condition: bool) -> RowIterator:
+def _iterate_power_law_rows(law: PowerLaw, names_condition: bool) -> RowIterator:
     """Yield the exponents of one condition, which is named where there are several."""
     where = f"{law.condition}: " if names_condition else ""
     analysis = AnalysisName.POWER_LAW
-    yield _make_row(analysis, f"{where}exponent of the height, mean of participants", law.bounds)
+    yield _make_estimate_row(
+        analysis, f"{where}exponent of the height, mean of participants", law.bounds
+    )
     for person, exponent, correlation in law.by_participant:
         name = f"{where}participant {person}"
         yield ResultRow("", analysis, f"{name}, exponent", estimate=exponent)
@@ -511,8 +527,8 @@ def _make_influence_row(influence: Influence) -> ResultRow:
         before = f"{influence.test.quantity}, "
     if logarithmic:
         bounds, unit = bounds.transform(math.exp), Unit.NONE
-    difference = _describe_difference(interval, logarithmic)
-    row = _make_row(
+    difference = _format_difference_name(interval, logarithmic)
+    row = _make_estimate_row(
         AnalysisName.INFLUENCE,
         f"{before}{difference}, without {influence.participant}",
         bounds,

@@ -10,7 +10,7 @@ from stepblocks.files.figures import Axes
 from stepblocks.files.tables import format_csv
 from stepblocks.study.analysis.figures import draw_main_figure
 from stepblocks.study.analysis.findings import Analysis, Finding
-from stepblocks.study.analysis.result_table import COLUMNS, ResultRow, yield_result_rows
+from stepblocks.study.analysis.result_table import COLUMNS, ResultRow, iterate_result_rows
 
 # columns of the judgements that are lengths [m]
 _LENGTHS = ("height", "estimate", "error", "standard")
@@ -65,13 +65,13 @@ class StudyResult(Analysis):
 
     def findings(self) -> tuple[Finding, ...]:
         """Return the planned tests, the primary one first."""
-        return self.find_tested(self.primary)
+        return self.summarise_findings(self.primary)
 
     @cached_property
     def rows(self) -> tuple[ResultRow, ...]:
         """Every figure with its unit."""
         # fits of all but one participant are among them: they are made once
-        return tuple(yield_result_rows(self, self.findings()))
+        return tuple(iterate_result_rows(self, self.findings()))
 
     def table(self) -> pd.DataFrame:
         """Lay out every figure with its unit, in `COLUMNS`; NaN where a row has none."""

@@ -25,7 +25,7 @@ _TEST = re.compile(r"([Ft])(\([^()]*\) = .*)")
 _RULE = "4"  # eighths of a point: half a point thick
 
 
-def write_word(tables: Sequence[PaperTable]) -> bytes:
+def render_word_document(tables: Sequence[PaperTable]) -> bytes:
     """Write tables as a Word document, numbered, the same bytes every time.
 
     Parameters
@@ -46,15 +46,15 @@ def write_word(tables: Sequence[PaperTable]) -> bytes:
     import docx
 
     document = docx.Document()
-    _set_properties(document)
+    _set_document_properties(document)
     for number, table in enumerate(tables, start=1):
-        _add_table(document, number, table)
+        _add_paper_table(document, number, table)
     buffer = io.BytesIO()
     document.save(buffer)
     return pin_archive_times(buffer.getvalue())
 
 
-def _set_properties(document: "Document") -> None:
+def _set_document_properties(document: "Document") -> None:
     """Set the font of all text, and properties that do not depend on the day."""
     from docx.shared import Pt
 
@@ -70,7 +70,7 @@ def _set_properties(document: "Document") -> None:
     properties.modified = _PINNED_TIME
 
 
-def _add_table(document: "Document", number: int, table: PaperTable) -> None:
+def _add_paper_table(document: "Document", number: int, table: PaperTable) -> None:
     """Add one table with its number, title and note."""
     from docx.shared import Pt
 
@@ -82,7 +82,7 @@ def _add_table(document: "Document", number: int, table: PaperTable) -> None:
     title.paragraph_format.space_after = Pt(4)
     for paragraph in (heading, title):
         paragraph.paragraph_format.keep_with_next = True
-    _fill_grid(document.add_table(rows=1 + len(table.rows), cols=len(table.heads)), table)
+    _fill_table_grid(document.add_table(rows=1 + len(table.rows), cols=len(table.heads)), table)
     if table.note:
         note = document.add_paragraph()
         note.paragraph_format.space_before = Pt(4)
@@ -90,19 +90,19 @@ def _add_table(document: "Document", number: int, table: PaperTable) -> None:
         note.add_run(f" {table.note}")
 
 
-def _fill_grid(grid: "Table", table: PaperTable) -> None:
+def _fill_table_grid(grid: "Table", table: PaperTable) -> None:
     """Write heads and rows into a grid of a document, with rules above, below and between."""
     for row, texts in enumerate((table.heads, *table.rows)):
         cells = grid.rows[row].cells
         for cell, text, head in zip(cells, texts, table.heads, strict=True):
             _write_cell(cell.paragraphs[0], text, is_head=row == 0, is_name=head in _NAMES)
     for cell in grid.rows[0].cells:
-        _draw_rule(cell, "top")
-        _draw_rule(cell, "bottom")
+        _draw_cell_rule(cell, "top")
+        _draw_cell_rule(cell, "bottom")
     if table.rows:
         for cell in grid.rows[-1].cells:
-            _draw_rule(cell, "bottom")
-    _repeat_on_every_page(grid)
+            _draw_cell_rule(cell, "bottom")
+    _repeat_header_on_every_page(grid)
 
 
 def _write_cell(paragraph: "Paragraph", text: str, *, is_head: bool, is_name: bool) -> None:
@@ -121,7 +121,7 @@ def _write_cell(paragraph: "Paragraph", text: str, *, is_head: bool, is_name: bo
         paragraph.add_run(text)
 
 
-def _draw_rule(cell: "_Cell", side: str) -> None:
+def _draw_cell_rule(cell: "_Cell", side: str) -> None:
     """Draw a rule along the ``top`` or ``bottom`` of a cell."""
     from docx.oxml import OxmlElement
     from docx.oxml.ns import qn
@@ -137,7 +137,7 @@ def _draw_rule(cell: "_Cell", side: str) -> None:
     borders.append(rule)
 
 
-def _repeat_on_every_page(grid: "Table") -> None:
+def _repeat_header_on_every_page(grid: "Table") -> None:
     """Repeat the heads where a table goes on, and keep every row on one page."""
     from docx.oxml import OxmlElement
 

@@ -10,7 +10,7 @@ from stepblocks.files.text import is_file
 from stepblocks.study.analysis.judgements import STAMPS
 from stepblocks.study.columns import Row
 from stepblocks.study.design.read import SheetRow, read_answers
-from stepblocks.study.design.sheet import list_answer_columns
+from stepblocks.study.design.sheet import list_sheet_columns
 
 # Columns beside those of a run sheet: when the trial was shown and answered (UTC), the time
 # between, and what the participant noted
@@ -31,9 +31,9 @@ class AnswerFile:
     def __init__(self, path: Path, experiment: str) -> None:
         self.path = path
         self._experiment = experiment
-        self._columns = (*list_answer_columns(experiment), *TIMES)
+        self._columns = (*list_sheet_columns(experiment), *TIMES)
 
-    def read(self) -> list[SheetRow]:
+    def read_answered_rows(self) -> list[SheetRow]:
         """Read the answered trials; a last line that a crash cut short is dropped.
 
         Raises
@@ -54,12 +54,12 @@ class AnswerFile:
             replace_text(self.path, whole or header + "\n")
         return read_answers(self.path, self._experiment)
 
-    def is_foreign(self) -> bool:
+    def was_saved_by_other_program(self) -> bool:
         """Return whether another program saved the file, with other separators or decimals."""
         text = self.path.read_text(encoding="utf-8-sig")
         return text.partition("\n")[0] != ",".join(self._columns)
 
-    def write(self, rows: Sequence[Row]) -> None:
+    def write_answered_rows(self, rows: Sequence[Row]) -> None:
         """Write all answered trials."""
         cells = [{name: row.get(name, "") for name in self._columns} for row in rows]
         replace_text(self.path, format_csv(cells, self._columns))

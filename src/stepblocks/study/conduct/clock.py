@@ -10,7 +10,7 @@ class SteadyClock:
     def __init__(self) -> None:
         self._offset = time.time() - time.monotonic()
 
-    def read(self) -> float:
+    def read_time(self) -> float:
         """Return the time [s], as of `time.time`."""
         return self._offset + time.monotonic()
 

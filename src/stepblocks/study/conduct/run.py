@@ -22,7 +22,7 @@ from stepblocks.study.design.adaptive import order_trials
 from stepblocks.study.design.blocks import Blocks, Declared, find_designed_blocks
 from stepblocks.study.design.plan import read_plan, read_prior
 from stepblocks.study.design.read import SheetRow, read_design
-from stepblocks.study.design.sheet import blind_row
+from stepblocks.study.design.sheet import make_blinded_row
 from stepblocks.study.design.virtual import BLOCK, REAL
 from stepblocks.study.experiments.registry import EXPERIMENTS
 
@@ -40,7 +40,7 @@ _ANSWER_WORDS = {
 _DECIMAL_COMMA = re.compile(r"(\d+),(\d+)")
 
 
-def _convert_decimal_comma(name: str, text: str) -> str:
+def _convert_decimal_comma(column: str, text: str) -> str:
     """Return an answer with a decimal point where a participant wrote a decimal comma.
 
     Three digits behind a comma may be thousands, which nobody must guess.
@@ -50,7 +50,7 @@ def _convert_decimal_comma(name: str, text: str) -> str:
         return text
     whole, share = found.groups()
     if len(share) == 3 and whole != "0":
-        words = _ANSWER_WORDS.get(name, name)
+        words = _ANSWER_WORDS.get(column, column)
         raise StudyError(
             f"{words} must be clear: is it {whole}{share} or {whole}.{share}? Write one of them"
         )
@@ -121,7 +121,7 @@ class Run:
         self._virtual: VirtualBlocks | None = None
         if blocks is not None:
             self._virtual = VirtualBlocks(blocks, hand, scale)
-        self._check_practice()
+        self._check_practice_count()
         path = resolve_inside(folder / "runs", f"participant-{participant}.csv")
         if path is None:
             raise StudyError(f"participant must be a plain name, got {participant!r}")
@@ -129,18 +129,18 @@ class Run:
         self.feedback = ""
         self._guard = threading.RLock()
         self._clock = SteadyClock()
-        self._shown = self._clock.read()
+        self._shown = self._clock.read_time()
         self._file = AnswerFile(path, self.experiment)
         self._designed = self.planned
         with ExitStack() as stack:
             stack.enter_context(lock_folder(path.with_suffix("")))
-            self._order_trials(())
+            self._update_trial_order(())
             self._rows = self._read_answered_trials()
             self._lock = stack.pop_all()
         if self._rows:
             self.practice = 0
 
-    def _check_practice(self) -> None:
+    def _check_practice_count(self) -> None:
         """Reject practice that the design does not have codes for."""
         if not 0 <= self.practice <= len(self.planned):
             raise StudyError(
@@ -148,7 +148,7 @@ class Run:
             )
         if not self.practice or "practice_code" in self.planned[0]:
             return
-        if not all(self._is_virtual(row) for row in self.planned):
+        if not all(self._is_virtual_trial(row) for row in self.planned):
             raise StudyError(
                 "practice must show other codes than the trials, and this design has none: run it "
                 "without, or design the study anew"
@@ -156,21 +156,21 @@ class Run:
 
     def _read_answered_trials(self) -> list[dict[str, str]]:
         """Return the answered trials, as planned."""
-        answers = self._file.read()
+        answers = self._file.read_answered_rows()
         rows = [dict(answer.cells) for answer in answers]
-        self._order_trials(rows)
+        self._update_trial_order(rows)
         for answer, planned in zip(answers, self.planned, strict=False):
-            _check_planned(answer, planned)
+            _check_answer_is_planned(answer, planned)
         if len(rows) > len(self.planned):
             raise StudyError(
                 f"answers must be at most the {len(self.planned)} planned, got {len(rows)} "
                 f"[{self.path}]"
             )
-        if self.path.exists() and self._file.is_foreign():
-            self._file.write(rows)
+        if self.path.exists() and self._file.was_saved_by_other_program():
+            self._file.write_answered_rows(rows)
         return rows
 
-    def _order_trials(self, answers: Sequence[Row]) -> None:
+    def _update_trial_order(self, answers: Sequence[Row]) -> None:
         """Put the trials of an adaptive design in the order in which the answers place them."""
         if self.kind.adaptive:
             self.planned = order_trials(self._designed, answers, read_prior(self.folder))
@@ -232,7 +232,7 @@ class Run:
             return 0.0
         return self._virtual.reach
 
-    def _is_virtual(self, row: Row | None) -> bool:
+    def _is_virtual_trial(self, row: Row | None) -> bool:
         """Return whether the block of a trial is rendered."""
         return self.virtual and row is not None and row.get(f"{FACTOR}{BLOCK}") != REAL
 
@@ -242,7 +242,7 @@ class Run:
         That is no identity or height, and of a virtual block no condition.
         """
         row = self.now
-        virtual = self._is_virtual(row)
+        virtual = self._is_virtual_trial(row)
         state: dict[str, object] = {
             "participant": self.participant,
             "of": len(self.planned),
@@ -262,7 +262,7 @@ class Run:
         hidden = {"participant", *self.kind.answers}
         if virtual:
             hidden |= {"setting", "condition", "code"}
-        for name, text in blind_row(row).items():
+        for name, text in make_blinded_row(row).items():
             if name not in hidden:
                 state[name] = text
         return state
@@ -271,10 +271,10 @@ class Run:
         """Start the servo loop of a virtual block; one that still runs is ended and begun anew."""
         with self._guard:
             row = self.now
-            if row is None or self._virtual is None or not self._is_virtual(row):
+            if row is None or self._virtual is None or not self._is_virtual_trial(row):
                 return
             self._virtual.begin(row)
-            self._shown = self._clock.read()
+            self._shown = self._clock.read_time()
 
     def move(self, x: float, held: bool) -> None:
         """Take where the page says that the mouse is [m], and whether it is held."""
@@ -317,7 +317,7 @@ class Run:
         """
         with self._guard:
             row = self.now
-            moment = self._clock.read()
+            moment = self._clock.read_time()
             if row is None or trial != row["trial"]:
                 raise StudyError(f"trial must be the one that is next, got {trial!r}")
             if reaction < 0.0 or reaction > _LONGEST_REACTION:
@@ -328,12 +328,12 @@ class Run:
             answers = {}
             for name in self.kind.answers:
                 answers[name] = _convert_decimal_comma(name, texts.get(name, "").strip())
-            values = self._read_answers(row, answers)
-            if self._virtual is not None and self._is_virtual(row):
-                self._end_trial(row, self._virtual)
+            values = self._parse_answers(row, answers)
+            if self._virtual is not None and self._is_virtual_trial(row):
+                self._end_virtual_trial(row, self._virtual)
             if self.practice:
                 self.practice -= 1
-                self.feedback = _give_feedback(row, values)
+                self.feedback = _format_feedback(row, values)
             else:
                 if math.isnan(reaction):
                     reaction = moment - self._shown
@@ -344,11 +344,11 @@ class Run:
                 ]
                 note = " ".join(comment.split())[:_LONGEST_COMMENT]
                 times = dict(zip(TIMES, (*stamps, note), strict=True))
-                self._record({**blind_row(row), **answers, **times})
+                self._record_answer({**make_blinded_row(row), **answers, **times})
                 self.feedback = ""
             self._shown = moment
 
-    def _end_trial(self, row: Row, virtual: VirtualBlocks) -> None:
+    def _end_virtual_trial(self, row: Row, virtual: VirtualBlocks) -> None:
         """End the servo loop of a trial, and write its motion; it must have been touched."""
         servo = virtual.servo
         if servo is None or not virtual.is_touched():
@@ -363,13 +363,13 @@ class Run:
             write_motion(path, servo, attributes)
         virtual.end()
 
-    def _record(self, row: dict[str, str]) -> None:
+    def _record_answer(self, row: dict[str, str]) -> None:
         """Write an answered trial to the disk."""
-        self._file.write([*self._rows, row])
+        self._file.write_answered_rows([*self._rows, row])
         self._rows.append(row)
-        self._order_trials(self._rows)
+        self._update_trial_order(self._rows)
 
-    def _read_answers(self, row: Row, answers: Row) -> dict[str, float]:
+    def _parse_answers(self, row: Row, answers: Row) -> dict[str, float]:
         """Read the answers to a trial; refuse them in the words of the page, not of the files."""
         try:
             return self.kind.read(row, answers, self.ratings)
@@ -385,10 +385,10 @@ class Run:
             if not self._rows:
                 raise StudyError("an answer must be given before it can be taken back, got none")
             self.end()
-            self._file.write(self._rows[:-1])
+            self._file.write_answered_rows(self._rows[:-1])
             self._rows.pop()
-            self._order_trials(self._rows)
-            self._shown = self._clock.read()
+            self._update_trial_order(self._rows)
+            self._shown = self._clock.read_time()
 
     def close(self) -> None:
         """Release the hand and the run."""
@@ -397,7 +397,7 @@ class Run:
         self._lock.close()
 
 
-def _check_planned(answer: SheetRow, planned: Row) -> None:
+def _check_answer_is_planned(answer: SheetRow, planned: Row) -> None:
     """Reject an answer of another participant or trial than was planned."""
     for name in ("participant", "trial"):
         if answer.cells[name] != planned[name]:
@@ -407,7 +407,7 @@ def _check_planned(answer: SheetRow, planned: Row) -> None:
             )
 
 
-def _give_feedback(row: Row, values: Mapping[str, float]) -> str:
+def _format_feedback(row: Row, values: Mapping[str, float]) -> str:
     """Return the feedback after a practice trial; magnitudes have none."""
     height = read_number_or_nan(row["height_um"])
     if "higher" in values:

@@ -50,7 +50,7 @@ class RunServer(ThreadingHTTPServer):
         self._second = 0
         self._requests = 0  # in that second
 
-    def count_request_over_limit(self) -> bool:
+    def count_request_and_check_limit(self) -> bool:
         """Count a request; return whether there are too many in this second."""
         second = int(time.monotonic())
         if second != self._second:
@@ -137,16 +137,16 @@ class _Handler(BaseHTTPRequestHandler):
         self._send_json(code, {"error": message})
 
     def do_GET(self) -> None:
-        if not self._is_allowed():
+        if not self._check_policy_or_send_error():
             return
         if self.path == "/":
-            self._send(200, self._render(), "text/html; charset=utf-8")
+            self._send_text(200, self._render_run_page(), "text/html; charset=utf-8")
         elif self.path == "/state":
             self._send_json(200, self.server.experiment.state())
         else:
             self._send_json(404, {"error": "there is nothing here"})
 
-    def _render(self) -> str:
+    def _render_run_page(self) -> str:
         """Return the page of the run."""
         run = self.server.experiment
         return render_page(
@@ -160,10 +160,10 @@ class _Handler(BaseHTTPRequestHandler):
         )
 
     def do_POST(self) -> None:
-        if not self._is_allowed():
+        if not self._check_policy_or_send_error():
             return
         try:
-            state = self._perform(self.server.experiment, self._read_document())
+            state = self._perform_request(self.server.experiment, self._read_document())
         except StepblocksError as error:
             self._send_json(422, {"error": str(error)})
         except (
@@ -190,7 +190,9 @@ class _Handler(BaseHTTPRequestHandler):
             raise ValueError("a JSON object is expected")
         return document
 
-    def _perform(self, run: PageRun, document: Mapping[str, Any]) -> dict[str, object] | None:
+    def _perform_request(
+        self, run: PageRun, document: Mapping[str, Any]
+    ) -> dict[str, object] | None:
         """Carry out a request and return the new state; None for an unknown request."""
         if self.path == "/hand":
             mouse = _MouseRequest.parse(document)
@@ -209,22 +211,22 @@ class _Handler(BaseHTTPRequestHandler):
             return None
         return run.state()
 
-    def _is_allowed(self) -> bool:
+    def _check_policy_or_send_error(self) -> bool:
         """Return whether a request meets the policy; send an error if it does not."""
-        length = self._find_length()
+        length = self._get_stated_length()
         if not self._is_from_page():
             self.send_error(403, "only the page of this run may ask this")
         elif not length.isdecimal() or self.headers.get("Transfer-Encoding"):
             self.send_error(411, "a request must say its length")
         elif len(length) > _LONGEST_LENGTH or int(length) > _LARGEST[self.command]:
             self.send_error(413, f"a request must have at most {_LARGEST[self.command]} bytes")
-        elif self.server.count_request_over_limit():
+        elif self.server.count_request_and_check_limit():
             self.send_error(429, f"at most {_MOST_REQUESTS} requests in a second are answered")
         else:
             return True
         return False
 
-    def _find_length(self) -> str:
+    def _get_stated_length(self) -> str:
         """Return the stated length of a request; a GET need not state one."""
         unsaid = "0" if self.command == "GET" else ""
         return str(self.headers.get("Content-Length", unsaid))
@@ -247,15 +249,15 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _send_json(self, status: int, content: object) -> None:
         """Answer with a JSON document."""
-        self._send(status, json.dumps(content), "application/json")
+        self._send_text(status, json.dumps(content), "application/json")
 
-    def _send(self, status: int, text: str, kind: str) -> None:
+    def _send_text(self, status: int, text: str, media_type: str) -> None:
         """Answer with a text of a media type."""
         body = text.encode()
         connection = "close" if self.close_connection else "keep-alive"
         self.send_response(status)
         headers = {
-            "Content-Type": kind,
+            "Content-Type": media_type,
             "Content-Length": str(len(body)),
             "Cache-Control": "no-store",
             "Content-Security-Policy": _POLICY.format(self.server.nonce),

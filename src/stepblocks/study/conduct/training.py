@@ -11,10 +11,10 @@ from typing import NamedTuple
 from stepblocks.errors import StudyError
 from stepblocks.files.atomic import lock_folder, replace_text, resolve_inside
 from stepblocks.files.tables import format_csv
-from stepblocks.study.columns import Row, group_by_participant, read_number_or_nan
+from stepblocks.study.columns import Row, group_rows_by_participant, read_number_or_nan
 from stepblocks.study.conduct.clock import SteadyClock, format_timestamp
-from stepblocks.study.design.read import SheetRow, read_design, read_rows
-from stepblocks.study.design.sheet import blind_row
+from stepblocks.study.design.read import SheetRow, read_design, read_sheet_rows
+from stepblocks.study.design.sheet import make_blinded_row
 from stepblocks.study.design.training import Staircase, TrainingTrial
 from stepblocks.study.experiments.registry import EXPERIMENTS
 
@@ -133,7 +133,7 @@ class Training:
             raise StudyError(f"train must be from 1 to {_MOST_TRIALS} trials, got {trials}")
         self.folder = folder
         self.participant = participant
-        planned = _list_planned(folder, participant)
+        planned = _list_planned_pairs(folder, participant)
         path = resolve_inside(folder / _FOLDER, f"participant-{participant}.csv")
         if path is None:
             raise StudyError(f"participant must be a plain name, got {participant!r}")
@@ -141,15 +141,15 @@ class Training:
         self.feedback = ""
         self._guard = threading.RLock()
         self._clock = SteadyClock()
-        self._shown = self._clock.read()
+        self._shown = self._clock.read_time()
         self._staircase = Staircase(planned)
         with ExitStack() as stack:
             stack.enter_context(lock_folder(path.with_suffix("")))
             self._answered = list(_replay_answers(self._staircase, _read_answers(path)))
-            self._next = self._staircase.choose()
+            self._next = self._staircase.choose_next_pair()
             self._lock = stack.pop_all()
         today = format_timestamp(self._shown)[:_DAY_DIGITS]
-        done = sum(_find_day(answered.answer) == today for answered in self._answered)
+        done = sum(_get_answer_day(answered.answer) == today for answered in self._answered)
         self._left = max(trials - done, 0)
         self._trials = trials
 
@@ -181,7 +181,7 @@ class Training:
             "answered": self._trials - self._left,
         }
         if self.now is not None:
-            shown = blind_row(self.now)
+            shown = make_blinded_row(self.now)
             for name in ("trial", "setting", "first_code", "second_code"):
                 if name in shown:
                     state[name] = shown[name]
@@ -210,7 +210,7 @@ class Training:
         """
         with self._guard:
             row = self.now
-            moment = self._clock.read()
+            moment = self._clock.read_time()
             if row is None or trial != row["trial"]:
                 raise StudyError(f"trial must be the one that is next, got {trial!r}")
             if math.isnan(reaction):
@@ -218,21 +218,21 @@ class Training:
             if not reaction >= 0.0:
                 raise StudyError(f"reaction_s must not be negative, got {reaction:g}")
             answer = {
-                **blind_row(row),
+                **make_blinded_row(row),
                 "second_is_higher": texts.get("second_is_higher", "").strip(),
                 "answered_utc": format_timestamp(moment),
                 "reaction_s": f"{reaction:.3f}",
             }
             shown = self._next
-            right = self._staircase.learn(shown, answer)
+            right = self._staircase.update_with_answer(shown, answer)
             self._answered.append(_Answered(shown, answer, right))
-            self._write()
+            self._write_answers()
             self.feedback = "right" if right else "wrong"
             self._left -= 1
-            self._next = self._staircase.choose()
+            self._next = self._staircase.choose_next_pair()
             self._shown = moment
 
-    def _write(self) -> None:
+    def _write_answers(self) -> None:
         """Write all answers."""
         rows = []
         for answered in self._answered:
@@ -257,7 +257,9 @@ class Training:
 
     def summarise(self) -> list[TrainingDay]:
         """Return what was reached on each day."""
-        return list(_summarise_days(self.participant, self._answered, self._staircase.level_count))
+        return list(
+            _iterate_training_days(self.participant, self._answered, self._staircase.level_count)
+        )
 
     def close(self) -> None:
         """Release the training, and write progress.csv of everybody."""
@@ -339,13 +341,15 @@ def read_training(folder: str | Path) -> list[TrainingDay]:
     """
     folder = Path(folder)
     days = list[TrainingDay]()
-    for participant, planned in group_by_participant(read_design(folder / "design.csv")).items():
+    for participant, planned in group_rows_by_participant(
+        read_design(folder / "design.csv")
+    ).items():
         path = folder / _FOLDER / f"participant-{participant}.csv"
         answers = _read_answers(path)
         if answers:
             staircase = Staircase(planned)
             answered = list(_replay_answers(staircase, answers))
-            days += _summarise_days(participant, answered, staircase.level_count)
+            days += _iterate_training_days(participant, answered, staircase.level_count)
     return days
 
 
@@ -355,9 +359,9 @@ def write_progress(folder: Path) -> None:
     replace_text(folder / _FOLDER / "progress.csv", format_csv(rows))
 
 
-def _list_planned(folder: Path, participant: str) -> list[Row]:
+def _list_planned_pairs(folder: Path, participant: str) -> list[Row]:
     """Return the rows of a participant of a design that compares blocks with a standard."""
-    by_participant = group_by_participant(read_design(folder / "design.csv"))
+    by_participant = group_rows_by_participant(read_design(folder / "design.csv"))
     if participant not in by_participant:
         people = ", ".join(by_participant)
         raise StudyError(f"participant must be one of {people}, got {participant!r}")
@@ -373,7 +377,7 @@ def _read_answers(path: Path) -> list[SheetRow]:
     """Read the answers of a training; none where there is no file."""
     if not path.exists():
         return []
-    return read_rows(path, _READ, may_be_empty=True)
+    return read_sheet_rows(path, _READ, may_be_empty=True)
 
 
 def _replay_answers(staircase: Staircase, answers: Sequence[SheetRow]) -> Iterator[_Answered]:
@@ -385,32 +389,32 @@ def _replay_answers(staircase: Staircase, answers: Sequence[SheetRow]) -> Iterat
         If another pair was answered than was shown.
     """
     for answer in answers:
-        shown = staircase.choose()
-        blinded = blind_row(shown.row)
+        shown = staircase.choose_next_pair()
+        blinded = make_blinded_row(shown.row)
         for name in ("participant", "trial", "first_code", "second_code"):
             if answer.cells[name] != blinded[name]:
                 raise StudyError(
                     f"{name} must be {blinded[name]} here, as the answers before lead to, got "
                     f"{answer.cells[name]} [{answer.place}]"
                 )
-        yield _Answered(shown, answer.cells, staircase.learn(shown, answer.cells))
+        yield _Answered(shown, answer.cells, staircase.update_with_answer(shown, answer.cells))
 
 
-def _find_day(answer: Row) -> str:
+def _get_answer_day(answer: Row) -> str:
     """Return the day on which an answer was given, in UTC."""
     return answer["answered_utc"][:_DAY_DIGITS]
 
 
-def _summarise_days(
-    participant: str, answered: Sequence[_Answered], levels: int
+def _iterate_training_days(
+    participant: str, answered: Sequence[_Answered], level_count: int
 ) -> Iterator[TrainingDay]:
-    """Yield what a participant reached on each day; `levels` is how many difficulties there are."""
+    """Yield what a participant reached on each day, at `level_count` difficulties."""
     import numpy as np
     from statsmodels.stats.proportion import proportion_confint
 
     by_day = dict[str, list[_Answered]]()
     for item in answered:
-        by_day.setdefault(_find_day(item.answer), []).append(item)
+        by_day.setdefault(_get_answer_day(item.answer), []).append(item)
     for day, items in by_day.items():
         right = 0
         reactions = []
@@ -435,7 +439,7 @@ def _summarise_days(
             right_low=float(low),
             right_high=float(high),
             level=float(np.median(levels_settled)),
-            levels=levels,
+            levels=level_count,
             difference=math.expm1(float(np.mean(differences))),
             reaction=reaction,
         )

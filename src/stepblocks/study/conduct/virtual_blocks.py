@@ -13,7 +13,7 @@ from stepblocks.haptics.hands import Hand, Mouse
 from stepblocks.haptics.renderer import Renderer
 from stepblocks.haptics.servo import RATE, Limits, Servo
 from stepblocks.quantities import parse_quantity
-from stepblocks.study.columns import FACTOR, Row, list_levels
+from stepblocks.study.columns import FACTOR, Row, collect_levels_of_trial
 from stepblocks.study.design.blocks import Blocks
 from stepblocks.study.design.virtual import DIMENSIONS, VIBRATION_OFF
 
@@ -75,13 +75,13 @@ class VirtualBlocks:
     def begin(self, row: Row) -> None:
         """Start the servo loop of a trial; one that still runs is ended."""
         self.end()
-        point = self._choose_operating_point(row)
+        point = self._make_operating_point(row)
         renderer = Renderer(
             self.blocks.faces[row["stimulus"]].centre_path(point.ball_radius),
             point,
             scale=self.scale,
             rate=RATE,
-            event=VIBRATION_OFF not in list_levels(row),
+            event=VIBRATION_OFF not in collect_levels_of_trial(row),
         )
         renderer.tick(np.array([0.0, 0.0, _ABOVE]), np.zeros(3))  # compiled before it is felt
         if self.hand is None or isinstance(self.hand, Mouse):
@@ -93,7 +93,7 @@ class VirtualBlocks:
         self._trial = _Trial(servo, point)
         servo.start()
 
-    def _choose_operating_point(self, row: Row) -> OperatingPoint:
+    def _make_operating_point(self, row: Row) -> OperatingPoint:
         """Return where a block is felt, as the trial's factors say."""
         levels = {}
         for name, dimension in DIMENSIONS.items():

@@ -17,7 +17,7 @@ import numpy as np
 from stepblocks.contact import Array
 from stepblocks.errors import StudyError
 from stepblocks.study.analysis.psychometric import MAX_LAPSE, Z75
-from stepblocks.study.columns import RATINGS, Row, name_setting, read_number_or_nan
+from stepblocks.study.columns import RATINGS, Row, format_setting_name, read_number_or_nan
 from stepblocks.study.experiments.comparisons import read_comparison
 
 _LAPSES = np.linspace(0.0, MAX_LAPSE, 5)
@@ -53,7 +53,7 @@ class Prior:
     trials: float = 60.0
 
 
-def complete_prior(stated: Mapping[str, object]) -> Prior:
+def parse_prior(stated_values: Mapping[str, object]) -> Prior:
     """Check what is stated about a prior, by the names of its values, and complete it.
 
     Raises
@@ -63,7 +63,7 @@ def complete_prior(stated: Mapping[str, object]) -> Prior:
     """
     known = [value.name for value in fields(Prior)]
     values = {}
-    for name, value in stated.items():
+    for name, value in stated_values.items():
         if name not in known:
             raise StudyError(f"prior must name {', '.join(known)}, got {name!r}")
         number = read_number_or_nan(str(value))
@@ -170,7 +170,7 @@ class _Placement:
         for height in self._heights:
             levels.append(math.log(float(height) / standard))
         self._table = tabulate_prior(tuple(levels), prior)
-        self._beliefs = {name_setting(row): self._table.probability for row in planned}
+        self._beliefs = {format_setting_name(row): self._table.probability for row in planned}
         self._counts = dict.fromkeys(self._beliefs, 0)  # answered trials of each setting
 
     @property
@@ -178,9 +178,9 @@ class _Placement:
         """Number of settings."""
         return len(self._counts)
 
-    def learn(self, row: Row, answer: Row) -> None:
+    def update_with_answer(self, row: Row, answer: Row) -> None:
         """Take the answer to a trial into account."""
-        setting = name_setting(row)
+        setting = format_setting_name(row)
         likelihood = self._table.higher[self._heights.index(row["height_um"])]
         if not read_comparison(row, answer, RATINGS)["higher"]:
             likelihood = 1.0 - likelihood
@@ -196,7 +196,7 @@ class _Placement:
             variances.append(weights @ spreads**2 - (weights @ spreads) ** 2)
         return bool(max(variances) <= self._precision**2)
 
-    def choose(self, trials: Sequence[Row], last_height: str) -> Row:
+    def choose_next_trial(self, remaining_trials: Sequence[Row], last_height: str) -> Row:
         """Choose the trial that is expected to be most informative; settings take turns.
 
         No block follows itself where another is left; `last_height` is that of the trial before.
@@ -205,12 +205,12 @@ class _Placement:
         entropies = compute_expected_entropy(self._beliefs[turn], self._table.higher)
         expected = dict(zip(self._heights, entropies, strict=True))
 
-        def rank(row: Row) -> tuple[bool, float]:
+        def rank_trial(row: Row) -> tuple[bool, float]:
             """Return what is least of the best trial."""
             return row["height_um"] == last_height, expected[row["height_um"]]
 
-        in_turn = [row for row in trials if name_setting(row) == turn]
-        return min(in_turn, key=rank)
+        in_turn = [row for row in remaining_trials if format_setting_name(row) == turn]
+        return min(in_turn, key=rank_trial)
 
 
 def order_trials(planned: Sequence[Row], answers: Sequence[Row], prior: Prior) -> list[Row]:
@@ -238,13 +238,13 @@ def order_trials(planned: Sequence[Row], answers: Sequence[Row], prior: Prior) -
             done.append(left.pop(answer["trial"]))
     placement = _Placement(planned, prior)
     for row, answer in zip(done, answers, strict=False):
-        placement.learn(row, answer)
+        placement.update_with_answer(row, answer)
     limit = int(prior.trials) * placement.setting_count
     if len(done) >= limit or placement.is_precise():
         return done
     last_height = ""
     if done:
         last_height = done[-1]["height_um"]
-    best = placement.choose(list(left.values()), last_height)
+    best = placement.choose_next_trial(list(left.values()), last_height)
     left.pop(best["trial"])
     return [*done, best, *left.values()][:limit]

@@ -57,7 +57,7 @@ class Item:
                 f"height must be positive and finite, got {self.height:g} m [block {self.identity}]"
             )
 
-    def describe_for_loader(self) -> dict[str, str]:
+    def make_loader_columns(self) -> dict[str, str]:
         """Return its stimulus, engraving and height as columns for whoever loads the blocks."""
         return {
             "stimulus": self.identity,
@@ -144,17 +144,18 @@ class Blocks:
         PipelineError
             If a block does not release the probe, or is walked over.
         """
-        predicted = _predict_energies(self.faces.values(), self.point)
+        predicted = _predict_vibration_energies(self.faces.values(), self.point)
         energies = dict(zip(self.faces, predicted, strict=True))
         for name, face in self.faces.items():
             if not energies[name] > 0.0:
                 raise PipelineError(
                     "every block must release the probe to be felt by its vibration; "
-                    f"{name} is {self._explain_silence(face)} at friction {self.point.friction:g}"
+                    f"{name} is {self._describe_silence_cause(face)} "
+                    f"at friction {self.point.friction:g}"
                 )
         return energies
 
-    def _explain_silence(self, face: Counterface) -> str:
+    def _describe_silence_cause(self, face: Counterface) -> str:
         """Return why a block does not vibrate."""
         status = face.release(self.point).status
         if status is Status.RELEASES:
@@ -162,7 +163,7 @@ class Blocks:
         return status.value
 
 
-def _predict_energies(faces: Iterable[Counterface], point: OperatingPoint) -> list[float]:
+def _predict_vibration_energies(faces: Iterable[Counterface], point: OperatingPoint) -> list[float]:
     """Return the energy of vibration that each block gives [J]."""
     energies, _ = choose_energies([predict_drag(face, point) for face in faces])
     return list(energies)
@@ -170,8 +171,8 @@ def _predict_energies(faces: Iterable[Counterface], point: OperatingPoint) -> li
 
 def choose_blocks(
     source: Declared | Sequence[float],
-    felt: Mapping[str, float] = MappingProxyType({}),
-    only: str | None = None,
+    operating_values: Mapping[str, float] = MappingProxyType({}),
+    name_pattern: str | None = None,
 ) -> Blocks:
     """Choose the blocks of a study: those of a stimulus set, or sharp steps of some heights.
 
@@ -179,9 +180,9 @@ def choose_blocks(
     ----------
     source : str, Path, StimulusSet or sequence of float
         Stimulus file, its set, or heights [m].
-    felt : mapping of float
+    operating_values : mapping of float
         Where the blocks are felt: ``ball_radius`` [m], ``normal_load`` [N], ``friction`` [1].
-    only : str, optional
+    name_pattern : str, optional
         Pattern of the blocks that take part.
 
     Raises
@@ -190,13 +191,13 @@ def choose_blocks(
         If the set has no such step blocks.
     """
     if isinstance(source, StimulusSet):
-        return _choose_declared_blocks(source, felt, only)
+        return _choose_declared_blocks(source, operating_values, name_pattern)
     if isinstance(source, str | Path):
-        return _choose_declared_blocks(load_set(Path(source)), felt, only)
-    return _make_sharp_blocks(source, felt)
+        return _choose_declared_blocks(load_set(Path(source)), operating_values, name_pattern)
+    return _make_sharp_blocks(source, operating_values)
 
 
-def _make_sharp_blocks(heights: Sequence[float], felt: Mapping[str, float]) -> Blocks:
+def _make_sharp_blocks(heights: Sequence[float], operating_values: Mapping[str, float]) -> Blocks:
     """Return sharp steps of some heights [m], felt as in the paper unless told otherwise."""
     try:
         lengths = np.atleast_1d(read_array(heights, "length")).tolist()
@@ -209,68 +210,70 @@ def _make_sharp_blocks(heights: Sequence[float], felt: Mapping[str, float]) -> B
         items[name] = Item(name, name.upper(), height)
         faces[name] = Step(height)
     # heights alone state no limits, and are asked for what the equations say
-    changes: dict[str, Any] = {"tool": replace(PAPER.tool, limits=Limits()), **felt}
+    changes: dict[str, Any] = {"tool": replace(PAPER.tool, limits=Limits()), **operating_values}
     return Blocks(tuple(items.values()), faces, replace(PAPER, **changes))
 
 
 def _choose_declared_blocks(
-    stimuli: StimulusSet, felt: Mapping[str, float], only: str | None
+    stimuli: StimulusSet, operating_values: Mapping[str, float], name_pattern: str | None
 ) -> Blocks:
     """Return the step blocks of a set whose names match a pattern; without one, all."""
     blocks = []
     for block in stimuli.step_block:
-        if only is None or matches_pattern(only, stimuli.name, block.id):
+        if name_pattern is None or matches_pattern(name_pattern, stimuli.name, block.id):
             blocks.append(block)
     if not blocks:
         chosen = ""
-        if only:
-            chosen = f" that match {only!r}"
+        if name_pattern:
+            chosen = f" that match {name_pattern!r}"
         raise PipelineError(f"a study needs step blocks; the set {stimuli.name} has none{chosen}")
     items = []
     faces = {}
     for block in blocks:
         items.append(Item(block.id, block.id.upper(), block.height.nominal))
         faces[block.id] = block.counterface()
-    return Blocks(tuple(items), faces, _choose_point(stimuli, felt))
+    return Blocks(tuple(items), faces, _choose_operating_point(stimuli, operating_values))
 
 
-def _choose_point(stimuli: StimulusSet, felt: Mapping[str, float]) -> OperatingPoint:
+def _choose_operating_point(
+    stimuli: StimulusSet, operating_values: Mapping[str, float]
+) -> OperatingPoint:
     """Return where the blocks of a set are felt.
 
     Of the loads of its grid the first under which every block rings, and higher ones more.
     """
     loads: Sequence[float] = stimuli.prediction.normal_loads
-    if "normal_load" in felt:
-        loads = [felt["normal_load"]]
+    if "normal_load" in operating_values:
+        loads = [operating_values["normal_load"]]
     points = []
     for load in loads:
-        where = {**felt, "normal_load": load}
+        where = {**operating_values, "normal_load": load}
         points.append(stimuli.prediction.make_first_point(**where))
     rising = sorted(stimuli.step_block, key=lambda block: block.height.nominal)
     faces = [block.counterface() for block in rising]
     for point in points[:-1]:
-        if (np.diff([0.0, *_predict_energies(faces, point)]) > 0.0).all():
+        if (np.diff([0.0, *_predict_vibration_energies(faces, point)]) > 0.0).all():
             return point
     return points[-1]
 
 
 def find_designed_blocks(
-    design: Sequence[Row], source: Declared | None, felt: Mapping[str, float]
+    design: Sequence[Row], source: Declared | None, operating_values: Mapping[str, float]
 ) -> Blocks:
     """Find the blocks of a design in a stimulus file or set; without one they are sharp steps.
 
-    `felt` is that of `choose_blocks`.
+    `operating_values` is that of `choose_blocks`.
 
     Raises
     ------
     StudyError
         If the file lacks a block of the design.
     """
-    heights = _list_heights(design)
+    heights = _collect_heights_by_block(design)
     if source is None:
-        blocks = choose_blocks(sorted(set(heights.values())), felt)
+        blocks = choose_blocks(sorted(set(heights.values())), operating_values)
         return replace(blocks, faces={name: Step(height) for name, height in heights.items()})
-    blocks = choose_blocks(source, felt)
+    blocks = choose_blocks(source, operating_values)
     lacking = sorted(set(heights) - set(blocks.faces))
     if lacking:
         raise StudyError(
@@ -284,7 +287,7 @@ def find_designed_blocks(
     return replace(blocks, faces=faces)
 
 
-def _list_heights(design: Sequence[Row]) -> dict[str, float]:
+def _collect_heights_by_block(design: Sequence[Row]) -> dict[str, float]:
     """Return the height [m] of each block and standard of a design."""
     heights = {}
     for row in design:

@@ -39,7 +39,7 @@ class CurveShape(StrEnum):
             return Z75
         return _QUARTILE_OF_LOGISTIC
 
-    def compute_rise(self, distance: Array) -> tuple[Array, Array]:
+    def compute_rise_and_slope(self, distance: Array) -> tuple[Array, Array]:
         """Return the share of the rise and its slope at distances from the middle in spreads."""
         if self is CurveShape.NORMAL:
             density = np.exp(-0.5 * distance**2) / math.sqrt(2.0 * math.pi)
@@ -67,7 +67,7 @@ class Sensitivity:
     weights: Array
     known: Array
 
-    def add_up(self, trials: Array) -> Array:
+    def compute_information(self, trials: Array) -> Array:
         """Return the information of trials at each height, shape (values, parameters, parameters).
 
         `trials` has shape (heights,).
@@ -115,10 +115,10 @@ def compute_curve_sensitivity(
     """
     slopes = []
     weights = []
-    for node, weight in _list_quadrature_nodes(prior.equal_factor):
+    for node, weight in _list_quadrature_nodes_and_weights(prior.equal_factor):
         middle = math.log(standard * prior.equal) + node * math.log(prior.equal_factor)
-        for spread_node, spread_weight in _list_quadrature_nodes(prior.weber_factor):
-            log_spread = find_log_spread(prior.weber, shape)
+        for spread_node, spread_weight in _list_quadrature_nodes_and_weights(prior.weber_factor):
+            log_spread = compute_log_spread(prior.weber, shape)
             log_spread += spread_node * math.log(prior.weber_factor)
             slopes.append(_compute_scaled_slopes(np.log(heights), middle, log_spread, lapse, shape))
             weights.append(weight * spread_weight)
@@ -128,17 +128,17 @@ def compute_curve_sensitivity(
     return Sensitivity(np.array(slopes), np.array(weights), np.diag(known))
 
 
-def find_log_spread(weber: float, shape: CurveShape) -> float:
+def compute_log_spread(weber_fraction: float, shape: CurveShape) -> float:
     """Return ln(spread) of a curve with a Weber fraction [1]."""
-    return math.log(math.log1p(weber) / shape.quartile_distance)
+    return math.log(math.log1p(weber_fraction) / shape.quartile_distance)
 
 
-def _list_quadrature_nodes(factor: float) -> list[tuple[float, float]]:
+def _list_quadrature_nodes_and_weights(factor_per_std: float) -> list[tuple[float, float]]:
     """List quadrature nodes, in standard deviations, with weights; one if a value is certain.
 
-    `factor` is that by which one standard deviation changes the value [1].
+    `factor_per_std` is that by which one standard deviation changes the value [1].
     """
-    if factor == 1.0:
+    if factor_per_std == 1.0:
         return [(0.0, 1.0)]
     return list(zip(_NODES.tolist(), _WEIGHTS.tolist(), strict=True))
 
@@ -152,7 +152,7 @@ def _compute_scaled_slopes(
     """
     spread = math.exp(log_spread)
     distance = (log_heights - middle) / spread
-    rise, density = shape.compute_rise(distance)
+    rise, density = shape.compute_rise_and_slope(distance)
     span = 1.0 - 2.0 * lapse
     p = np.clip(lapse + span * rise, _CERTAIN, 1.0 - _CERTAIN)
     slopes = [-span * density / spread, -span * density * distance]

@@ -15,7 +15,7 @@ from stepblocks.mistakes import shorten_value
 from stepblocks.predict.set_design.route import MakingRoute
 from stepblocks.study.analysis.bounded import Bounded
 from stepblocks.study.analysis.psychometric import MAX_LAPSE, Z975
-from stepblocks.study.design.adaptive import Prior, complete_prior
+from stepblocks.study.design.adaptive import Prior, parse_prior
 from stepblocks.study.design.blocks import Declared, choose_blocks
 from stepblocks.study.design.information import (
     CurveShape,
@@ -26,9 +26,9 @@ from stepblocks.study.design.information import (
 from stepblocks.study.design.placement import ExpectedInterval, HeightDesign, Placement, Target
 from stepblocks.study.design.trial_exchange import (
     Criterion,
+    allocate_evenly_spaced_units,
     exchange_trials,
-    merge_heights,
-    spread_evenly,
+    merge_equivalent_heights,
 )
 
 LAPSE = 0.02  # expected rate of errors at either end
@@ -84,7 +84,7 @@ class _Expectation:
             return 1
         return _UNIT_OF_PAIRS
 
-    def list_intervals(self, trials: Array) -> tuple[ExpectedInterval, ...]:
+    def predict_all_intervals(self, trials: Array) -> tuple[ExpectedInterval, ...]:
         """Return the intervals that trials at each candidate give."""
         if self.target is Target.EXPONENT:
             return (self.predict_interval(Target.EXPONENT, trials),)
@@ -108,49 +108,51 @@ class _Expectation:
         logs = Bounded(log_ratio, log_ratio / factor, log_ratio * factor)
         return ExpectedInterval(quantity, logs.transform(_compute_weber_fraction))
 
-    def reaches(self, trials: Array, width: float) -> bool:
+    def is_width_reached(self, trials: Array, width: float) -> bool:
         """Tell whether the interval of the target is at most so wide."""
         return self.predict_interval(self.target, trials).width <= width
 
-    def find_needed_trials(self, shares: Array, width: float, multiple: int) -> int | None:
+    def find_needed_trials(
+        self, trial_shares: Array, width: float, trial_multiple: int
+    ) -> int | None:
         """Return the least number of trials, in some shares, whose interval has a width.
 
-        The number is a whole multiple of `multiple`; None where millions are not enough.
+        The number is a whole multiple of `trial_multiple`; None where millions are not enough.
         """
 
-        def is_reached(times: int) -> bool:
+        def is_enough(multiple_count: int) -> bool:
             """Tell whether so many multiples are enough."""
-            return self.reaches(times * multiple * shares, width)
+            return self.is_width_reached(multiple_count * trial_multiple * trial_shares, width)
 
-        low, high = 0, max(math.ceil(_FEWEST_HEIGHTS / multiple), 1)
-        while not is_reached(high):
+        low, high = 0, max(math.ceil(_FEWEST_HEIGHTS / trial_multiple), 1)
+        while not is_enough(high):
             low, high = high, 2 * high
-            if low * multiple > _MOST_NEEDED:
+            if low * trial_multiple > _MOST_NEEDED:
                 return None
         while high - low > 1:
             middle = (low + high) // 2
-            if is_reached(middle):
+            if is_enough(middle):
                 high = middle
             else:
                 low = middle
-        return high * multiple
+        return high * trial_multiple
 
-    def build_placement(self, trials: Array, width: float | None, multiple: int) -> Placement:
+    def build_placement(self, trials: Array, width: float | None, trial_multiple: int) -> Placement:
         """Describe trials at each candidate, and find how many reach a width, if any is given."""
         needed = None
         if width is not None:
-            needed = self.find_needed_trials(trials / trials.sum(), width, multiple)
+            needed = self.find_needed_trials(trials / trials.sum(), width, trial_multiple)
         used = np.flatnonzero(trials)
         return Placement(
             heights=tuple(self.candidates[used].tolist()),
             trials=tuple(trials[used].astype(int).tolist()),
-            intervals=self.list_intervals(trials),
+            intervals=self.predict_all_intervals(trials),
             needed=needed,
         )
 
 
 @dataclass(frozen=True)
-class _Shape:
+class _DesignShape:
     """What the trials of a design have to keep to.
 
     Attributes
@@ -179,7 +181,7 @@ class _Shape:
         """Fewest trials that the least number of heights needs."""
         return self.unit * self.number
 
-    def round_up(self, trials: int) -> int:
+    def round_up_trials(self, trials: int) -> int:
         """Return the next number of trials that the shape can have."""
         return self.trial_multiple * math.ceil(
             max(trials, self.fewest_trials) / self.trial_multiple
@@ -273,30 +275,32 @@ def place_heights(
     >>> design.optimal.trials
     (15, 1, 14)
     """
-    goal = _read_target(target)
-    candidates, named = _list_candidates(source, only)
+    goal = _parse_target(target)
+    candidates, named = _list_candidates_and_named_heights(source, only)
     if goal is Target.EXPONENT:
         if standard is not None or prior:
             raise StudyError("standard and prior apply to comparisons, got them with an exponent")
-        expectation = _expect_exponent(candidates, exponent, noise)
+        expectation = _make_exponent_expectation(candidates, exponent, noise)
     else:
-        height = _find_standard(standard, named)
-        expectation = _expect_curve(goal, candidates, height, prior, lapse, curve)
+        height = _read_standard_height(standard, named)
+        expectation = _make_curve_expectation(goal, candidates, height, prior, lapse, curve)
     _check_count("number", number, _FEWEST_HEIGHTS, len(candidates))
     _check_count("equal_number", equal_number, _FEWEST_HEIGHTS, _MOST_CANDIDATES)
-    shape = _Shape(number, same_trials, expectation.inseparable_trials)
+    shape = _DesignShape(number, same_trials, expectation.inseparable_trials)
     asked = _read_width(goal, width)
     if asked is not None and trials is not None:
         raise StudyError("trials or width must be given, got both")
     if asked is not None:
         trials = _find_trials_for_width(expectation, shape, asked)
     elif trials is None:
-        trials = shape.round_up(TRIALS)
+        trials = shape.round_up_trials(TRIALS)
     _check_count("trials", trials, shape.unit * number, _MOST_TRIALS)
     if trials % shape.trial_multiple:
         raise StudyError(f"trials must be a multiple of {shape.trial_multiple}, got {trials}")
     best = _find_best_trials(expectation, trials, shape)
-    equal = shape.unit * spread_evenly(candidates, equal_number, trials // shape.unit)
+    equal = shape.unit * allocate_evenly_spaced_units(
+        candidates, equal_number, trials // shape.unit
+    )
     criterion = expectation.criterion
     loss = criterion.compute_value(equal) - criterion.compute_value(best)
     return HeightDesign(
@@ -307,12 +311,12 @@ def place_heights(
     )
 
 
-def _find_trials_for_width(expectation: _Expectation, shape: _Shape, width: float) -> int:
+def _find_trials_for_width(expectation: _Expectation, shape: _DesignShape, width: float) -> int:
     """Return the number of trials whose best placement gives an interval of a width.
 
     The best shares depend a little on the number, so that both are found in turn.
     """
-    trials = shape.round_up(TRIALS)
+    trials = shape.round_up_trials(TRIALS)
     for _ in range(_MOST_TURNS):
         best = _find_best_trials(expectation, trials, shape)
         needed = expectation.find_needed_trials(best / best.sum(), width, shape.trial_multiple)
@@ -320,11 +324,11 @@ def _find_trials_for_width(expectation: _Expectation, shape: _Shape, width: floa
         # shares for few trials may tell too little of the lapses for any number of trials
         if needed is None or needed > most_trials:
             needed = most_trials
-        needed = shape.round_up(needed)
+        needed = shape.round_up_trials(needed)
         if needed == trials:
             break
         trials = needed
-    while not expectation.reaches(_find_best_trials(expectation, trials, shape), width):
+    while not expectation.is_width_reached(_find_best_trials(expectation, trials, shape), width):
         trials += shape.trial_multiple
         if trials > _MOST_TRIALS:
             raise StudyError(
@@ -334,7 +338,7 @@ def _find_trials_for_width(expectation: _Expectation, shape: _Shape, width: floa
     return trials
 
 
-def _find_best_trials(expectation: _Expectation, trials: int, shape: _Shape) -> Array:
+def _find_best_trials(expectation: _Expectation, trials: int, shape: _DesignShape) -> Array:
     """Return the best trials at each candidate.
 
     The search starts from equal spacing over all candidates and over three halves of them.
@@ -347,28 +351,30 @@ def _find_best_trials(expectation: _Expectation, trials: int, shape: _Shape) -> 
     candidates = expectation.candidates
     criterion = expectation.criterion
     found = []
-    for start in _list_starts(candidates, number, units):
+    for start in _list_search_starts(candidates, number, units):
         exchanged = exchange_trials(criterion, start, unit, number)
-        found.append(merge_heights(criterion, exchanged, unit, number))
+        found.append(merge_equivalent_heights(criterion, exchanged, unit, number))
     return unit * min(found, key=lambda shares: round(criterion.compute_value(unit * shares), 9))
 
 
-def _list_starts(candidates: Array, number: int, units: int) -> list[Array]:
+def _list_search_starts(candidates: Array, height_count: int, unit_count: int) -> list[Array]:
     """Return where the search starts: a number of heights in each of several ranges."""
     size = len(candidates)
     starts = []
     for first, end in ((0, size), (0, size // 2), (size // 4, size - size // 4), (size // 2, size)):
-        if end - first < number:
+        if end - first < height_count:
             continue
         # by their ranks, so that no two of the heights are the same candidate
-        inside = spread_evenly(np.arange(first, end, dtype=np.float64), number, units)
+        inside = allocate_evenly_spaced_units(
+            np.arange(first, end, dtype=np.float64), height_count, unit_count
+        )
         start = np.zeros(size)
         start[first:end] = inside
         starts.append(start)
     return starts
 
 
-def _read_target(target: str) -> Target:
+def _parse_target(target: str) -> Target:
     """Read what is to be known best."""
     try:
         return Target(target)
@@ -377,15 +383,15 @@ def _read_target(target: str) -> Target:
         raise StudyError(f"target must be one of {known}, got {shorten_value(target)}") from None
 
 
-def _list_candidates(
-    source: Declared | Sequence[float] | MakingRoute, only: str | None
+def _list_candidates_and_named_heights(
+    source: Declared | Sequence[float] | MakingRoute, name_pattern: str | None
 ) -> tuple[Array, dict[str, float]]:
     """Return the different heights in rising order [m], and those of named blocks."""
     named = dict[str, float]()
     if isinstance(source, MakingRoute):
-        heights = _list_made_heights(source)
+        heights = _list_heights_of_route(source)
     else:
-        for item in choose_blocks(source, only=only).items:
+        for item in choose_blocks(source, name_pattern=name_pattern).items:
             named[item.identity] = item.height
         heights = list(named.values())
     candidates = np.unique(heights)
@@ -397,7 +403,7 @@ def _list_candidates(
     return candidates, named
 
 
-def _list_made_heights(route: MakingRoute) -> list[float]:
+def _list_heights_of_route(route: MakingRoute) -> list[float]:
     """Return the whole multiples of the step of a route from its least to its most [m]."""
     lowest, highest, step = route.least, route.most, route.step
     # a route has read its lengths
@@ -414,15 +420,15 @@ def _list_made_heights(route: MakingRoute) -> list[float]:
     return [round(multiple * step, 12) for multiple in range(first, last + 1)]
 
 
-def _expect_exponent(candidates: Array, exponent: object, noise: object) -> _Expectation:
+def _make_exponent_expectation(candidates: Array, exponent: object, noise: object) -> _Expectation:
     """Check what is expected of magnitudes, and compute what they tell at each candidate."""
-    slope = _read_number_within("exponent", exponent, -100.0, 100.0)
-    deviation = _read_number_within("noise", noise, 1e-6, 10.0)
+    slope = _read_number_within_limits("exponent", exponent, -100.0, 100.0)
+    deviation = _read_number_within_limits("noise", noise, 1e-6, 10.0)
     sensitivity = compute_line_sensitivity(candidates, deviation)
     return _Expectation(Target.EXPONENT, candidates, sensitivity, math.nan, Prior(), slope)
 
 
-def _expect_curve(
+def _make_curve_expectation(
     target: Target,
     candidates: Array,
     standard: float,
@@ -431,25 +437,27 @@ def _expect_curve(
     curve: str,
 ) -> _Expectation:
     """Check what is expected of comparisons, and compute what they tell at each candidate."""
-    rate = _read_number_within("lapse", lapse, 0.0, MAX_LAPSE)
+    rate = _read_number_within_limits("lapse", lapse, 0.0, MAX_LAPSE)
     if curve not in list(CurveShape):
         known = ", ".join(CurveShape)
         raise StudyError(f"curve must be one of {known}, got {shorten_value(curve)}")
-    expected = _complete_expected(prior)
+    expected = _parse_expected_values(prior)
     sensitivity = compute_curve_sensitivity(candidates, standard, expected, rate, CurveShape(curve))
     return _Expectation(target, candidates, sensitivity, standard, expected, math.nan)
 
 
-def _find_standard(standard: float | str | None, named: Mapping[str, float]) -> float:
+def _read_standard_height(
+    standard: float | str | None, heights_by_name: Mapping[str, float]
+) -> float:
     """Return the height of the standard [m], which may be the name of a block."""
     if standard is None:
         raise StudyError("standard must be given for comparisons: the height of the block [m]")
-    if isinstance(standard, str) and standard in named:
-        return named[standard]
-    return _read_number_within("standard", standard, 1e-9, 10e-3, "length")
+    if isinstance(standard, str) and standard in heights_by_name:
+        return heights_by_name[standard]
+    return _read_number_within_limits("standard", standard, 1e-9, 10e-3, "length")
 
 
-def _complete_expected(stated: Mapping[str, object]) -> Prior:
+def _parse_expected_values(stated_values: Mapping[str, object]) -> Prior:
     """Complete the expected values of comparisons; unlike a prior, they may be certain.
 
     Raises
@@ -457,20 +465,20 @@ def _complete_expected(stated: Mapping[str, object]) -> Prior:
     StudyError
         If a name is none of an expected value, or a value is out of range.
     """
-    unknown = set(stated) - set(_EXPECTED)
+    unknown = set(stated_values) - set(_EXPECTED)
     if unknown:
         raise StudyError(f"prior must name {', '.join(_EXPECTED)}, got {sorted(unknown)[0]!r:.40}")
     uncertain = dict[str, object]()
     certain = dict[str, float]()
-    for name, value in stated.items():
+    for name, value in stated_values.items():
         if name.endswith("_factor") and str(value).strip() in ("1", "1.0"):
             certain[name] = 1.0
         else:
             uncertain[name] = value
-    return replace(complete_prior(uncertain), **certain)
+    return replace(parse_prior(uncertain), **certain)
 
 
-def _read_number_within(
+def _read_number_within_limits(
     name: str, value: object, least: float, most: float, dimension: str = "ratio"
 ) -> float:
     """Read a number in SI, and refuse one outside its limits."""

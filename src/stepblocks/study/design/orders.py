@@ -13,12 +13,12 @@ MAX_PARTICIPANTS = 1000
 Orders = NDArray[np.int64]  # conditions by participant (rows) and position (columns)
 
 
-def make_williams_square(conditions: int) -> Orders:
+def make_williams_square(condition_count: int) -> Orders:
     """Return Williams' orders, in which every condition follows every other equally often.
 
     Parameters
     ----------
-    conditions : int
+    condition_count : int
         From 1 to `MAX_CONDITIONS`.
 
     Returns
@@ -35,20 +35,23 @@ def make_williams_square(conditions: int) -> Orders:
     >>> make_williams_square(4).tolist()
     [[0, 3, 1, 2], [1, 0, 2, 3], [2, 1, 3, 0], [3, 2, 0, 1]]
     """
-    if not 1 <= conditions <= MAX_CONDITIONS:
+    if not 1 <= condition_count <= MAX_CONDITIONS:
         raise StudyError(
-            f"the number of conditions must lie between 1 and {MAX_CONDITIONS}, got {conditions}"
+            f"the number of conditions must lie between 1 and {MAX_CONDITIONS}, "
+            f"got {condition_count}"
         )
-    zigzag = np.zeros(conditions, dtype=np.int64)  # 0, -1, 1, -2, 2, ...
-    zigzag[1::2] = -np.arange(1, conditions // 2 + 1)
-    zigzag[2::2] = np.arange(1, (conditions + 1) // 2)
-    square = (zigzag[np.newaxis, :] + np.arange(conditions)[:, np.newaxis]) % conditions
-    if conditions % 2 == 0 or conditions == 1:
+    zigzag = np.zeros(condition_count, dtype=np.int64)  # 0, -1, 1, -2, 2, ...
+    zigzag[1::2] = -np.arange(1, condition_count // 2 + 1)
+    zigzag[2::2] = np.arange(1, (condition_count + 1) // 2)
+    square = (zigzag[np.newaxis, :] + np.arange(condition_count)[:, np.newaxis]) % condition_count
+    if condition_count % 2 == 0 or condition_count == 1:
         return square
     return np.vstack([square, square[:, ::-1]])
 
 
-def allocate_orders(participants: int, conditions: int, generator: np.random.Generator) -> Orders:
+def allocate_orders(
+    participant_count: int, condition_count: int, generator: np.random.Generator
+) -> Orders:
     """Give every participant an order, whole Williams designs first, the others from one more.
 
     Returns
@@ -56,15 +59,15 @@ def allocate_orders(participants: int, conditions: int, generator: np.random.Gen
     ndarray of int, shape (participants, conditions)
         One order a row.
     """
-    if not 1 <= participants <= MAX_PARTICIPANTS:
+    if not 1 <= participant_count <= MAX_PARTICIPANTS:
         raise StudyError(
             "the number of participants must lie between 1 and "
-            f"{MAX_PARTICIPANTS}, got {participants}"
+            f"{MAX_PARTICIPANTS}, got {participant_count}"
         )
-    square = make_williams_square(conditions)
-    rows = square[np.arange(participants) % len(square)]
-    relabelled = generator.permutation(conditions)[rows]
-    return np.asarray(relabelled[generator.permutation(participants)], dtype=np.int64)
+    square = make_williams_square(condition_count)
+    rows = square[np.arange(participant_count) % len(square)]
+    relabelled = generator.permutation(condition_count)[rows]
+    return np.asarray(relabelled[generator.permutation(participant_count)], dtype=np.int64)
 
 
 @dataclass(frozen=True)

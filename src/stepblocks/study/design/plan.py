@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from stepblocks.errors import StudyError
-from stepblocks.study.design.adaptive import Prior, complete_prior
+from stepblocks.study.design.adaptive import Prior, parse_prior
 
 FILE_NAME = "plan.json"
 ORDER_OF_TRIALS = "order"  # the covariate that a plan may name
@@ -66,22 +66,22 @@ class Plan:
         return json.dumps(document, indent=1, ensure_ascii=False) + "\n"
 
 
-def _check_words(name: str, words: Sequence[str], number: int) -> None:
+def _check_words(option_name: str, words: Sequence[str], word_count: int) -> None:
     """Reject words that a participant cannot read, or another number of them."""
-    are_different = len(words) == number and len(set(words)) == number
-    if are_different and all(map(_is_readable, words)):
+    are_different = len(words) == word_count and len(set(words)) == word_count
+    if are_different and all(map(_is_readable_text, words)):
         return
     texts = "text"
-    if number > 1:
+    if word_count > 1:
         texts = "texts"
     shown = ", ".join(map(repr, words))
     raise StudyError(
-        f"{name} must be {number} different {texts} of at most {_LONGEST_WORDS} letters, got "
-        f"{shown:.120}"
+        f"{option_name} must be {word_count} different {texts} of at most {_LONGEST_WORDS} "
+        f"letters, got {shown:.120}"
     )
 
 
-def _is_readable(text: object) -> bool:
+def _is_readable_text(text: object) -> bool:
     """Return whether a participant can read a text, which is not too long."""
     if not isinstance(text, str) or len(text) > _LONGEST_WORDS:
         return False
@@ -101,11 +101,11 @@ def read_plan(folder: Path) -> Plan:
     path = folder / FILE_NAME
     try:
         if not path.exists():
-            return Plan(prior=complete_prior({}))
+            return Plan(prior=parse_prior({}))
         document = json.loads(path.read_text(encoding="utf-8"))
         if not isinstance(document, dict):
             raise TypeError("a JSON object is expected")
-        prior = complete_prior(document.get("prior", {}))
+        prior = parse_prior(document.get("prior", {}))
         return Plan(
             str(document["primary"]),
             str(document["reference"]),

@@ -13,14 +13,14 @@ from stepblocks.files.numbers import NumberNotation, is_plain_number
 from stepblocks.files.tables import warn_of_notes
 from stepblocks.files.text_table import TextTable, is_table_name
 from stepblocks.study.columns import NamedColumns, Row, read_number_or_nan
-from stepblocks.study.design.sheet import list_answer_columns
+from stepblocks.study.design.sheet import list_sheet_columns
 from stepblocks.study.design.trials import DESIGN_COLUMNS
 from stepblocks.study.experiments.registry import EXPERIMENTS
 from stepblocks.study.programs.melt import melt_table
 from stepblocks.study.programs.records import (
     AnswerSearch,
     convert_records,
-    is_json,
+    has_json_suffix,
     read_program_table,
 )
 
@@ -83,7 +83,7 @@ def read_design(path: Path) -> list[dict[str, str]]:
             f"a study must be a folder that 'stepblocks study design' wrote, got no {path.name} "
             f"[{path}]"
         )
-    rows = read_rows(path, DESIGN_COLUMNS)
+    rows = read_sheet_rows(path, DESIGN_COLUMNS)
     experiments = sorted({row.cells["experiment"] for row in rows})
     if len(experiments) != 1 or experiments[0] not in EXPERIMENTS:
         raise StudyError(
@@ -121,18 +121,22 @@ def read_answers(
     """
     named = NamedColumns(columns)
     search = AnswerSearch(EXPERIMENTS[experiment].answers, named)
-    columns_of_answers = list_answer_columns(experiment)
+    columns_of_answers = list_sheet_columns(experiment)
     wanted = list(map(named.get_table_name, columns_of_answers))
     names = list(map(named.get_table_name, _NAMES))
-    rows = read_rows(path, wanted, may_be_empty=True, names=names, search=search, layout=layout)
-    return [_translate_row(row, columns_of_answers, named) for row in rows]
+    rows = read_sheet_rows(
+        path, wanted, may_be_empty=True, name_columns=names, search=search, layout=layout
+    )
+    return [_add_our_columns(row, columns_of_answers, named) for row in rows]
 
 
-def _translate_row(row: SheetRow, ours: Sequence[str], named: NamedColumns) -> SheetRow:
+def _add_our_columns(
+    row: SheetRow, our_columns: Sequence[str], named_columns: NamedColumns
+) -> SheetRow:
     """Give a row some of our columns, as the user says what they are called."""
     cells = {**row.cells}
-    for name in ours:
-        text = named.read_cell(row.cells, name)
+    for name in our_columns:
+        text = named_columns.read_cell(row.cells, name)
         if text is not None:
             cells[name] = text
     return replace(row, cells=cells)
@@ -146,12 +150,12 @@ def read_all_answers(
 ) -> list[SheetRow]:
     """Read all filled-in run sheets of files and folders; see `read_answers`."""
     rows = []
-    for path in find_sheets(paths):
+    for path in find_answer_tables(paths):
         rows += read_answers(path, experiment, columns, layout)
     return rows
 
 
-def find_sheets(paths: Sequence[str | Path]) -> list[Path]:
+def find_answer_tables(paths: Sequence[str | Path]) -> list[Path]:
     """Find the tables in folders.
 
     Datasets as `share_study` writes them lead to their tables.
@@ -167,7 +171,7 @@ def find_sheets(paths: Sequence[str | Path]) -> list[Path]:
         if shared:
             sheets += shared
         elif path.is_dir():
-            sheets += sorted(filter(_holds_judgements, path.iterdir()))
+            sheets += sorted(filter(_is_judgement_file, path.iterdir()))
         else:
             sheets.append(path)
     if not sheets:
@@ -177,22 +181,22 @@ def find_sheets(paths: Sequence[str | Path]) -> list[Path]:
     return sheets
 
 
-def _holds_judgements(path: Path) -> bool:
+def _is_judgement_file(path: Path) -> bool:
     """Tell whether a file in a folder is a table, or the list of records that jsPsych writes."""
-    if not is_json(path):
+    if not has_json_suffix(path):
         return is_table_name(path)
     with path.open("rb") as file:
         return file.read(_HEAD_BYTES).lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"[")
 
 
-def read_rows(
+def read_sheet_rows(
     path: Path,
     columns: Sequence[str],
     may_be_empty: bool = False,
-    names: Collection[str] = _NAMES,
+    name_columns: Collection[str] = _NAMES,
     *,
     search: AnswerSearch | None = None,
-    pattern: str = "",
+    wide_pattern: str = "",
     layout: TableLayout = UNDECLARED,
 ) -> list[SheetRow]:
     """Read a table that people write: CSV in any dialect, or a sheet of a workbook.
@@ -205,11 +209,11 @@ def read_rows(
         That the table must have.
     may_be_empty : bool
         Whether it may have no rows; a table without rows is refused otherwise.
-    names : collection of str
+    name_columns : collection of str
         Columns of names, in which a person may be called NA.
     search : AnswerSearch, optional
         What to look for in the records of another program; without it they are read as they stand.
-    pattern : str
+    wide_pattern : str
         How a table calls its columns that has a column for each trial, as `melt_table` takes it.
     layout : TableLayout
         What is declared of it.
@@ -227,8 +231,8 @@ def read_rows(
     table = read_program_table(path, layout, _MAX_BYTES)
     if search is not None:
         table = convert_records(table, search)
-    if search is not None and pattern:
-        table = melt_table(table, pattern, search)
+    if search is not None and wide_pattern:
+        table = melt_table(table, wide_pattern, search)
     lacking = [name for name in columns if name not in table.names]
     if lacking:
         raise StudyError(
@@ -241,14 +245,14 @@ def read_rows(
     cleaned = {}
     for number, name in enumerate(table.names):
         cells = table.get_cells(number)
-        if name not in names:
-            cells = _clean_cells(table, number)
+        if name not in name_columns:
+            cells = _clean_column_cells(table, number)
         cleaned[name] = cells
     file = str(path)
     if table.sheet:
         file = f"{path}, {table.sheet}"
     unit = "line"
-    if is_json(path):
+    if has_json_suffix(path):
         unit = "record"
     rows = []
     for row, line in enumerate(table.places):
@@ -257,31 +261,31 @@ def read_rows(
     return rows
 
 
-def _empty_if_missing(cell: str) -> str:
+def _blank_missing_cell(cell: str) -> str:
     """Return a cell, empty where it says that a value is missing."""
     if cell in _MISSING:
         return ""
     return cell
 
 
-def _clean_cells(table: TextTable, column: int) -> list[str]:
+def _clean_column_cells(table: TextTable, column_index: int) -> list[str]:
     """Return the cells of a column: numbers with a decimal point, missing values empty.
 
     In text columns, too, ``n/a`` and the like mean a missing answer, as in BIDS.
     """
-    cells = table.get_cells(column)
-    if not table.holds_numbers(column):
-        return list(map(_empty_if_missing, cells))
-    found = table.require_numbers(column, StudyError)
+    cells = table.get_cells(column_index)
+    if not table.holds_numbers(column_index):
+        return list(map(_blank_missing_cell, cells))
+    found = table.require_numbers(column_index, StudyError)
     found = replace(found, words=())  # the notes of a study count the missing answers
-    warn_of_notes(filter(None, [found.describe(table.names[column])]), table.file)
+    warn_of_notes(filter(None, [found.describe(table.names[column_index])]), table.file)
     cleaned = []
     for cell, value in zip(cells, found.values.tolist(), strict=True):
-        cleaned.append(_format_number(cell, value, table.notation))
+        cleaned.append(_format_plain_number(cell, value, table.notation))
     return cleaned
 
 
-def _format_number(cell: str, value: float, notation: NumberNotation) -> str:
+def _format_plain_number(cell: str, value: float, notation: NumberNotation) -> str:
     """Return a number with a decimal point, as it is written where that is plain."""
     if math.isnan(value):
         return ""

@@ -6,12 +6,12 @@ from pathlib import Path
 from stepblocks.errors import PipelineError
 from stepblocks.files.atomic import replace_bytes
 from stepblocks.files.tables import format_csv
-from stepblocks.study.columns import PairOrder, Row, name_setting
+from stepblocks.study.columns import PairOrder, Row, format_setting_name
 from stepblocks.study.design.blocks import Item
 from stepblocks.study.experiments.registry import EXPERIMENTS
 
 
-def list_answer_columns(experiment: str) -> tuple[str, ...]:
+def list_sheet_columns(experiment: str) -> tuple[str, ...]:
     """Return the columns of a blinded run sheet."""
     kind = EXPERIMENTS[experiment]
     if kind.paired:
@@ -19,12 +19,12 @@ def list_answer_columns(experiment: str) -> tuple[str, ...]:
     return ("participant", "trial", "condition", "code", *kind.answers)
 
 
-def blind_row(row: Row) -> dict[str, str]:
+def make_blinded_row(row: Row) -> dict[str, str]:
     """Return what may be shown of a row of a design, with empty cells for the answers."""
     kind = EXPERIMENTS[row["experiment"]]
     blinded = {"participant": row["participant"]}
     # who prepares a trial must know the levels between participants, too
-    setting = name_setting(row)
+    setting = format_setting_name(row)
     if setting not in ("", row["condition"]):
         blinded["setting"] = setting
     blinded["trial"] = row["trial"]
@@ -42,7 +42,7 @@ def blind_row(row: Row) -> dict[str, str]:
     return blinded
 
 
-def format_key(blocks: Mapping[str, Mapping[str, Item]]) -> str:
+def format_code_key_csv(blocks: Mapping[str, Mapping[str, Item]]) -> str:
     """List the block behind each participant's codes, for whoever loads the blocks.
 
     `blocks` are by participant and code.
@@ -50,7 +50,7 @@ def format_key(blocks: Mapping[str, Mapping[str, Item]]) -> str:
     rows = []
     for who, items in blocks.items():
         for code in sorted(items):
-            rows.append({"participant": who, "code": code, **items[code].describe_for_loader()})
+            rows.append({"participant": who, "code": code, **items[code].make_loader_columns()})
     return format_csv(rows, ("participant", "code", "engraved", "stimulus", "height_um"))
 
 

@@ -79,7 +79,9 @@ TYPICAL_OBSERVER = Observer()
 
 
 def interpolate_heights(
-    energy: Array, heights: Sequence[float] | Array, energies: Sequence[float] | Array
+    felt_energies: Array,
+    known_heights: Sequence[float] | Array,
+    known_energies: Sequence[float] | Array,
 ) -> Array:
     """Interpolate the heights that belong to felt energies.
 
@@ -87,9 +89,9 @@ def interpolate_heights(
 
     Parameters
     ----------
-    energy : ndarray, shape (n,)
+    felt_energies : ndarray, shape (n,)
         Felt energies [J].
-    heights, energies : array_like, shape (m,)
+    known_heights, known_energies : array_like, shape (m,)
         Known heights [m] and their energies [J].
 
     Returns
@@ -102,14 +104,14 @@ def interpolate_heights(
     StudyError
         If there are fewer than two known energies, or they do not rise with the height.
     """
-    order = np.argsort(heights)
-    log_heights = np.log(np.asarray(heights, dtype=np.float64)[order])
-    log_energies = np.log(np.asarray(energies, dtype=np.float64)[order])
+    order = np.argsort(known_heights)
+    log_heights = np.log(np.asarray(known_heights, dtype=np.float64)[order])
+    log_energies = np.log(np.asarray(known_energies, dtype=np.float64)[order])
     rising = (np.diff(log_energies) > 0.0).all() and (np.diff(log_heights) > 0.0).all()
     if not (len(log_energies) >= 2 and np.isfinite(log_energies).all() and rising):
         raise StudyError("energies must be at least two, positive, and rise with the height")
     line = make_interp_spline(log_energies, log_heights, k=1)
-    return np.asarray(np.exp(line(np.log(np.asarray(energy, dtype=np.float64)))))
+    return np.asarray(np.exp(line(np.log(np.asarray(felt_energies, dtype=np.float64)))))
 
 
 def simulate_felt_energies(
@@ -122,7 +124,7 @@ def simulate_felt_energies(
 
 def simulate_estimates(
     trials: Table,
-    references: tuple[Array, Array],
+    known_heights_and_energies: tuple[Array, Array],
     observer: Observer,
     generator: np.random.Generator,
 ) -> Array:
@@ -133,7 +135,7 @@ def simulate_estimates(
     trials : DataFrame
         person and setting (numbers from 0), height [m], energy [J], and ``noisier``, how many
         times the response noise a trial has [1]; once where there is no such column.
-    references : tuple of ndarray
+    known_heights_and_energies : tuple of ndarray
         Heights [m] and undamped energies [J] that participants connect.
     observer : Observer
         What they are like.
@@ -150,7 +152,7 @@ def simulate_estimates(
     heights = trials["height"].to_numpy()
     people = person.max() + 1
     sensations = simulate_felt_energies(trials["energy"].to_numpy(), observer, generator)
-    estimates = interpolate_heights(sensations, *references)
+    estimates = interpolate_heights(sensations, *known_heights_and_energies)
     estimates += observer.participant_spread * generator.standard_normal(people)[person]
     responses = generator.standard_normal((people, setting.max() + 1))
     estimates += observer.condition_spread * responses[person, setting]
@@ -164,8 +166,8 @@ def simulate_estimates(
 
 
 def simulate_ratings(
-    person: NDArray[np.int_],
-    shown: NDArray[np.bool_],
+    participant_indices: NDArray[np.int_],
+    is_raised: NDArray[np.bool_],
     observer: Observer,
     generator: np.random.Generator,
 ) -> Array:
@@ -173,9 +175,9 @@ def simulate_ratings(
 
     Parameters
     ----------
-    person : ndarray of int, shape (trials,)
+    participant_indices : ndarray of int, shape (trials,)
         Number of the participant, from 0.
-    shown : ndarray of bool, shape (trials,)
+    is_raised : ndarray of bool, shape (trials,)
         Whether a trial has what raises the rating.
     observer : Observer
         What participants are like.
@@ -187,24 +189,27 @@ def simulate_ratings(
     ndarray, shape (trials,)
         Whole numbers in `RATINGS`.
     """
-    realism = generator.standard_normal(person.max() + 1)[person] + observer.realism_gain * shown
-    latent = realism + generator.logistic(size=len(person))
+    realism = (
+        generator.standard_normal(participant_indices.max() + 1)[participant_indices]
+        + observer.realism_gain * is_raised
+    )
+    latent = realism + generator.logistic(size=len(participant_indices))
     return np.asarray(np.clip(np.round(_MIDDLE_RATING + latent), *RATINGS))
 
 
 def simulate_comparison(
-    energy: float, standard: float, observer: Observer, generator: np.random.Generator
+    energy: float, standard_energy: float, observer: Observer, generator: np.random.Generator
 ) -> bool:
     """Simulate the comparison of two blocks.
 
     Returns
     -------
     bool
-        Whether the block of `energy` [J] is called higher than the `standard` [J].
+        Whether the block of `energy` [J] is called higher than the `standard_energy` [J].
     """
     difference = generator.standard_normal() - generator.standard_normal()
     noise = observer.sensation_noise * float(difference)
-    higher = math.log(energy / standard) + noise > 0.0
+    higher = math.log(energy / standard_energy) + noise > 0.0
     if generator.random() < observer.lapse:
         return bool(generator.random() < 0.5)
     return higher

@@ -7,9 +7,9 @@ from types import MappingProxyType
 import numpy as np
 import pandas as pd
 
-from stepblocks.study.columns import Row, group_by_participant, list_levels
+from stepblocks.study.columns import Row, collect_levels_of_trial, group_rows_by_participant
 from stepblocks.study.design.adaptive import Prior, order_trials
-from stepblocks.study.design.sheet import blind_row
+from stepblocks.study.design.sheet import make_blinded_row
 from stepblocks.study.design.simulate import Observer
 from stepblocks.study.experiments.registry import EXPERIMENTS
 
@@ -20,7 +20,7 @@ def simulate_answers(
     damping: Mapping[str, float],
     observer: Observer,
     seed: int,
-    noise: Mapping[str, float] = MappingProxyType({}),
+    noise_factors: Mapping[str, float] = MappingProxyType({}),
 ) -> list[dict[str, str]]:
     """Fill in the run sheets of a design by simulation.
 
@@ -30,7 +30,7 @@ def simulate_answers(
         Rows of design.csv.
     energies : mapping of float
         Energy of each block [J].
-    damping, noise : mapping of float
+    damping, noise_factors : mapping of float
         Share of the energy that a level of a factor lets through, and how many times the response
         noise it has [1]; 1 where not named.
     observer : Observer
@@ -44,7 +44,7 @@ def simulate_answers(
         Rows of blinded run sheets with answers.
     """
     planned = pd.DataFrame(design)
-    shares = [_multiply_levels(row, damping) for row in design]
+    shares = [_multiply_level_factors(row, damping) for row in design]
     undamped = planned["stimulus"].map(energies)
     person, _ = pd.factorize(planned["participant"])
     setting, _ = pd.factorize(planned["condition"])
@@ -56,22 +56,22 @@ def simulate_answers(
         # both blocks of a pair are felt with the same probe
         energy=undamped * shares,
         standard_energy=planned["standard"].map(energies) * shares,
-        noisier=[_multiply_levels(row, noise) for row in design],
+        noisier=[_multiply_level_factors(row, noise_factors) for row in design],
     )
     kind = EXPERIMENTS[design[0]["experiment"]]
     answers = kind.simulate(trials, observer, np.random.default_rng(seed))
     rows = []
     for row, texts in zip(design, answers, strict=True):
-        rows.append({**blind_row(row), **dict(zip(kind.answers, texts, strict=True))})
+        rows.append({**make_blinded_row(row), **dict(zip(kind.answers, texts, strict=True))})
     return rows
 
 
-def _multiply_levels(row: Row, factors: Mapping[str, float]) -> float:
+def _multiply_level_factors(row: Row, factors: Mapping[str, float]) -> float:
     """Return the product of the factors of all levels of a trial; 1 where not named."""
-    return math.prod(factors.get(level, 1.0) for level in list_levels(row))
+    return math.prod(factors.get(level, 1.0) for level in collect_levels_of_trial(row))
 
 
-def order_answers_adaptively(
+def iterate_adaptively_ordered_answers(
     design: Sequence[dict[str, str]], answers: Sequence[dict[str, str]], prior: Prior
 ) -> Iterator[dict[str, str]]:
     """Yield answers in the order in which an adaptive design runs the trials.
@@ -79,7 +79,7 @@ def order_answers_adaptively(
     Answers to trials that it does not run are left out.
     """
     answer_to = {(row["participant"], row["trial"]): row for row in answers}
-    for who, planned in group_by_participant(design).items():
+    for who, planned in group_rows_by_participant(design).items():
         answered = list[dict[str, str]]()
         order = order_trials(planned, answered, prior)
         while len(order) > len(answered):

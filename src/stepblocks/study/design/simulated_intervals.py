@@ -13,7 +13,7 @@ from stepblocks.mistakes import shorten_value
 from stepblocks.study.analysis.psychometric import (
     Z975,
     CurveEstimate,
-    compute_weber,
+    compute_weber_fraction,
     estimate_psychometric,
 )
 from stepblocks.study.design.adaptive import Prior
@@ -50,21 +50,21 @@ class Comparing:
     standard_energy: float
     observer: Observer
 
-    def compute_answers(self) -> Array:
+    def compute_expected_shares(self) -> Array:
         """Return the expected share of the answer "higher" at each block, shape (blocks,)."""
         felt = np.log(self.energies / self.standard_energy)
         noise = max(math.sqrt(2.0) * self.observer.sensation_noise, 1e-12)
         lapse = self.observer.lapse
         return np.asarray((1.0 - lapse) * ndtr(felt / noise) + 0.5 * lapse)
 
-    def expect_curve(self) -> CurveEstimate:
+    def compute_limiting_curve(self) -> CurveEstimate:
         """Return the curve that a fit finds in the end, of very many trials.
 
         The answers of the participant follow the logarithm of the energy, the fitted curve that of
         the height. Where their relation is no power law, the fit depends on the heights.
         """
         totals = np.round(_MANY * self.trials)
-        hits = np.round(totals * self.compute_answers())
+        hits = np.round(totals * self.compute_expected_shares())
         return estimate_psychometric(self.heights, hits, totals)
 
     def simulate_fits(self, runs: int, seed: int) -> Array:
@@ -72,7 +72,7 @@ class Comparing:
 
         A participant whose answers have no fit is nan.
         """
-        higher = self.compute_answers()
+        higher = self.compute_expected_shares()
         hits = np.random.default_rng(seed).binomial(
             self.trials.astype(np.int64), higher, (runs, len(higher))
         )
@@ -85,12 +85,12 @@ class Comparing:
             fits[row] = curve.middle, curve.log_spread
         return fits
 
-    def expect_errors(self, curve: CurveEstimate) -> dict[Target, float]:
+    def compute_expected_errors(self, curve: CurveEstimate) -> dict[Target, float]:
         """Return the standard errors of ln(threshold) and ln(spread) that theory expects [1].
 
-        `curve` is that of `expect_curve`.
+        `curve` is that of `compute_limiting_curve`.
         """
-        weber = compute_weber(curve.log_spread)
+        weber = compute_weber_fraction(curve.log_spread)
         prior = Prior(weber=weber, weber_factor=1.0, equal_factor=1.0)
         lapse = max(curve.lapse, _LEAST_LAPSE)
         threshold = math.exp(curve.middle)
@@ -103,7 +103,7 @@ class Comparing:
             errors[goal] = math.exp(0.5 * criterion.compute_value(self.trials))
         return errors
 
-    def compare_intervals(self, measure: str, runs: int, seed: int) -> dict[str, object]:
+    def make_interval_comparison_row(self, measure: str, runs: int, seed: int) -> dict[str, object]:
         """Return the simulated and the expected 95 % range of a measure, as a row.
 
         `measure` is one of `CURVE_MEASURES`.
@@ -116,15 +116,15 @@ class Comparing:
                 "add trials, or heights around the standard"
             )
         low, high = np.quantile(fitted, [0.025, 0.975], axis=0)
-        curve = self.expect_curve()
-        reach = Z975 * self.expect_errors(curve)[Target(measure)]
+        curve = self.compute_limiting_curve()
+        reach = Z975 * self.compute_expected_errors(curve)[Target(measure)]
         if measure == Target.THRESHOLD:
             value, name, unit = 1e6 * math.exp(curve.middle), "threshold", "um"
             simulated = [1e6 * math.exp(low[0]), 1e6 * math.exp(high[0])]
             expected = [value * math.exp(-reach), value * math.exp(reach)]
         else:
-            value, name, unit = compute_weber(curve.log_spread), "jnd", "ratio"
-            simulated = [compute_weber(low[1]), compute_weber(high[1])]
+            value, name, unit = compute_weber_fraction(curve.log_spread), "jnd", "ratio"
+            simulated = [compute_weber_fraction(low[1]), compute_weber_fraction(high[1])]
             lowest = math.log1p(value) * math.exp(-reach)
             highest = math.log1p(value) * math.exp(reach)
             expected = [math.expm1(lowest), math.expm1(highest)]
@@ -141,11 +141,11 @@ class Comparing:
         }
 
 
-def plan_comparing(
+def plan_comparisons(
     heights: Mapping[str, float],
     energies: Mapping[str, float],
     standard: str,
-    trials: Mapping[str, int],
+    trial_counts: Mapping[str, int],
     observer: Observer,
 ) -> Comparing:
     """Plan the comparisons of one participant.
@@ -156,7 +156,7 @@ def plan_comparing(
         Of the blocks by their identities [m] and [J].
     standard : str
         Block that others are compared with.
-    trials : mapping of int
+    trial_counts : mapping of int
         Of the blocks that are compared.
     observer : Observer
         What the participant is like.
@@ -166,7 +166,7 @@ def plan_comparing(
     StudyError
         If a block is unknown, or fewer than three are compared.
     """
-    for name, number in trials.items():
+    for name, number in trial_counts.items():
         if name not in heights:
             raise StudyError(
                 f"trials must be of the blocks {', '.join(heights)}, got {shorten_value(name)}"
@@ -175,11 +175,13 @@ def plan_comparing(
             raise StudyError(
                 f"trials must be whole numbers above 0, got {shorten_value(number)} [{name}]"
             )
-    if len(trials) < _FEWEST_LEVELS:
-        raise StudyError(f"trials must be of {_FEWEST_LEVELS} blocks or more, got {len(trials)}")
-    compared_heights = [heights[name] for name in trials]
-    compared_energies = [energies[name] for name in trials]
-    numbers = [*trials.values()]
+    if len(trial_counts) < _FEWEST_LEVELS:
+        raise StudyError(
+            f"trials must be of {_FEWEST_LEVELS} blocks or more, got {len(trial_counts)}"
+        )
+    compared_heights = [heights[name] for name in trial_counts]
+    compared_energies = [energies[name] for name in trial_counts]
+    numbers = [*trial_counts.values()]
     return Comparing(
         heights=np.array(compared_heights),
         energies=np.array(compared_energies),

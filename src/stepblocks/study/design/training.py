@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stepblocks.errors import StudyError
-from stepblocks.study.columns import RATINGS, Row, name_setting, read_number_or_nan
+from stepblocks.study.columns import RATINGS, Row, format_setting_name, read_number_or_nan
 from stepblocks.study.experiments.comparisons import read_comparison
 
 _HARDER = 1  # levels after a right answer
@@ -54,7 +54,9 @@ class Staircase:
 
     def __init__(self, planned: Sequence[Row]) -> None:
         self._pairs = dict[tuple[str, int], list[Row]]()
-        differences = sorted({_measure_difference(row) for row in planned} - {0.0}, reverse=True)
+        differences = sorted(
+            {_compute_log_height_difference(row) for row in planned} - {0.0}, reverse=True
+        )
         if len(differences) < _FEWEST_LEVELS:
             raise StudyError(
                 f"training needs at least {_FEWEST_LEVELS} differences of height from the "
@@ -62,11 +64,11 @@ class Staircase:
             )
         self._differences = differences
         for row in planned:
-            difference = _measure_difference(row)
+            difference = _compute_log_height_difference(row)
             if difference:
-                key = (name_setting(row), differences.index(difference))
+                key = (format_setting_name(row), differences.index(difference))
                 self._pairs.setdefault(key, []).append(row)
-        self._rungs = dict.fromkeys((name_setting(row) for row in planned), 0)
+        self._rungs = dict.fromkeys((format_setting_name(row) for row in planned), 0)
         self._counts = dict.fromkeys(self._rungs, 0)
 
     @property
@@ -74,7 +76,7 @@ class Staircase:
         """Number of difficulties."""
         return len(self._differences)
 
-    def choose(self) -> TrainingTrial:
+    def choose_next_pair(self) -> TrainingTrial:
         """Choose the next pair: settings take turns; chance, the same each time, picks a pair."""
         setting = min(self._counts, key=lambda name: self._counts[name])
         rung = self._rungs[setting]
@@ -89,10 +91,10 @@ class Staircase:
             shown["standard_code"] = row["practice_standard_code"]
         return TrainingTrial({**row, **shown}, rung + 1, self._differences[rung])
 
-    def learn(self, trial: TrainingTrial, answer: Row) -> bool:
+    def update_with_answer(self, trial: TrainingTrial, answer: Row) -> bool:
         """Take an answer to the next pair, and return whether it was right."""
-        right = is_right(trial.row, answer)
-        setting = name_setting(trial.row)
+        right = is_answer_right(trial.row, answer)
+        setting = format_setting_name(trial.row)
         step = -_EASIER
         if right:
             step = _HARDER
@@ -101,14 +103,14 @@ class Staircase:
         return right
 
 
-def is_right(row: Row, answer: Row) -> bool:
+def is_answer_right(row: Row, answer: Row) -> bool:
     """Return whether an answer to a pair is right."""
     called_higher = bool(read_comparison(row, answer, RATINGS)["higher"])
     is_higher = read_number_or_nan(row["height_um"]) > read_number_or_nan(row["standard_height_um"])
     return called_higher == is_higher
 
 
-def _measure_difference(row: Row) -> float:
+def _compute_log_height_difference(row: Row) -> float:
     """Return |ln(height / standard)| of a pair, rounded so that equal ratios are one level."""
     ratio = read_number_or_nan(row["height_um"]) / read_number_or_nan(row["standard_height_um"])
     return round(abs(math.log(ratio)), 6)

@@ -50,42 +50,42 @@ class Criterion:
     @property
     def nuisance_indices(self) -> tuple[int, ...]:
         """Indices of the parameters that are estimated and not asked for."""
-        return self._list_places_beside(self.targets)
+        return self._list_other_parameter_indices(self.targets)
 
-    def _list_places_beside(self, places: tuple[int, ...]) -> tuple[int, ...]:
+    def _list_other_parameter_indices(self, indices: tuple[int, ...]) -> tuple[int, ...]:
         """Return the places of all parameters but some."""
         number = self.sensitivity.known.shape[0]
-        return tuple(place for place in range(number) if place not in places)
+        return tuple(place for place in range(number) if place not in indices)
 
     def compute_value(self, trials: Array) -> float:
         """Return the criterion of trials at each height, shape (heights,)."""
-        information = self.sensitivity.add_up(trials)
+        information = self.sensitivity.compute_information(trials)
         logs = _compute_log_variance(information, self.nuisance_indices)
         if self.spread is not None:
-            beside_spread = self._list_places_beside((self.spread,))
+            beside_spread = self._list_other_parameter_indices((self.spread,))
             variance = np.exp(_compute_log_variance(information, beside_spread))
             logs = logs + np.log1p(_SECOND_ORDER * variance)
         return float(self.sensitivity.weights @ logs)
 
-    def assess_additions(self, trials: Array, added: float) -> Array:
+    def compute_values_with_additions(self, trials: Array, added_trials: float) -> Array:
         """Return the criterion after some trials are added at each height in turn.
 
         The determinant with a further outer product is that without it times one plus a quadratic
         form.
         """
-        information = self.sensitivity.add_up(trials)
+        information = self.sensitivity.compute_information(trials)
         slopes = self.sensitivity.slopes
-        beside = _select_parameters(information, self.nuisance_indices)
-        growth = np.log1p(added * _compute_quadratic_forms(information, slopes))
+        beside = _select_parameter_blocks(information, self.nuisance_indices)
+        growth = np.log1p(added_trials * _compute_quadratic_forms(information, slopes))
         gain = growth - np.log1p(
-            added * _compute_quadratic_forms(beside, slopes[..., self.nuisance_indices])
+            added_trials * _compute_quadratic_forms(beside, slopes[..., self.nuisance_indices])
         )
         if self.spread is not None:
-            beside_spread = self._list_places_beside((self.spread,))
-            of_spread = _select_parameters(information, beside_spread)
+            beside_spread = self._list_other_parameter_indices((self.spread,))
+            of_spread = _select_parameter_blocks(information, beside_spread)
             log_variance = _compute_log_variance(information, beside_spread)[:, np.newaxis]
             forms = _compute_quadratic_forms(of_spread, slopes[..., beside_spread])
-            less = log_variance - growth + np.log1p(added * forms)
+            less = log_variance - growth + np.log1p(added_trials * forms)
             gain += np.log1p(_SECOND_ORDER * np.exp(log_variance))
             gain -= np.log1p(_SECOND_ORDER * np.exp(less))
         # rounded, so that the least is the same on every processor
@@ -94,13 +94,13 @@ class Criterion:
 
 def _compute_log_variance(information: Array, nuisance_indices: tuple[int, ...]) -> Array:
     """Return ln(determinant of the covariance) of all but some parameters, shape (values,)."""
-    beside = _select_parameters(information, nuisance_indices)
+    beside = _select_parameter_blocks(information, nuisance_indices)
     return np.asarray(np.linalg.slogdet(beside)[1] - np.linalg.slogdet(information)[1])
 
 
-def _select_parameters(matrices: Array, places: tuple[int, ...]) -> Array:
+def _select_parameter_blocks(matrices: Array, indices: tuple[int, ...]) -> Array:
     """Return the rows and columns of matrices that belong to some parameters."""
-    return matrices[:, places][:, :, places]
+    return matrices[:, indices][:, :, indices]
 
 
 def _compute_quadratic_forms(matrices: Array, vectors: Array) -> Array:
@@ -108,22 +108,24 @@ def _compute_quadratic_forms(matrices: Array, vectors: Array) -> Array:
     return np.asarray(np.sum(vectors @ np.linalg.inv(matrices) * vectors, axis=-1))
 
 
-def spread_evenly(logs: Array, number: int, units: int) -> Array:
+def allocate_evenly_spaced_units(values: Array, height_count: int, unit_count: int) -> Array:
     """Share units of trials between the candidates nearest to equal spacing, shape (heights,).
 
-    `logs` are the values that are equally spaced, in rising order; the first heights get what
+    `values` are the values that are equally spaced, in rising order; the first heights get what
     does not divide.
     """
-    wanted = np.linspace(logs[0], logs[-1], number)
-    nearest = np.abs(logs[:, np.newaxis] - wanted).argmin(axis=0)
+    wanted = np.linspace(values[0], values[-1], height_count)
+    nearest = np.abs(values[:, np.newaxis] - wanted).argmin(axis=0)
     places = sorted(set(nearest.tolist()))
-    shares = np.zeros(len(logs))
-    for turn in range(units):
+    shares = np.zeros(len(values))
+    for turn in range(unit_count):
         shares[places[turn % len(places)]] += 1.0
     return shares
 
 
-def exchange_trials(criterion: Criterion, start: Array, unit: int, fewest: int) -> Array:
+def exchange_trials(
+    criterion: Criterion, start_units: Array, trials_per_unit: int, fewest_heights: int
+) -> Array:
     """Move units of trials between heights until no move improves the criterion.
 
     Large moves come first; of equal ones the first, so that the outcome is always the same.
@@ -132,11 +134,11 @@ def exchange_trials(criterion: Criterion, start: Array, unit: int, fewest: int) 
     ----------
     criterion : Criterion
         Which is to be small.
-    start : ndarray, shape (heights,)
-        Units of trials at each height, at `fewest` heights or more.
-    unit : int
+    start_units : ndarray, shape (heights,)
+        Units of trials at each height, at `fewest_heights` heights or more.
+    trials_per_unit : int
         Trials of a unit.
-    fewest : int
+    fewest_heights : int
         Heights that keep at least one unit; with as many units, each has one.
 
     Returns
@@ -144,11 +146,11 @@ def exchange_trials(criterion: Criterion, start: Array, unit: int, fewest: int) 
     ndarray, shape (heights,)
         Units of trials at each height.
     """
-    units = start.copy()
+    units = start_units.copy()
     chunk = max(int(units.sum()) // 4, 1)
     while chunk:
         for _ in range(_MOST_MOVES):
-            moved = _find_best_move(criterion, units, unit, chunk, fewest)
+            moved = _find_best_move(criterion, units, trials_per_unit, chunk, fewest_heights)
             if moved is None:
                 break
             units = moved
@@ -156,18 +158,20 @@ def exchange_trials(criterion: Criterion, start: Array, unit: int, fewest: int) 
     return units
 
 
-def merge_heights(criterion: Criterion, units: Array, unit: int, fewest: int) -> Array:
+def merge_equivalent_heights(
+    criterion: Criterion, units: Array, trials_per_unit: int, fewest_heights: int
+) -> Array:
     """Give up heights whose trials tell as much at another one, to within 1 % of the variance.
 
     Parameters and outcome are those of `exchange_trials`.
     """
-    limit = criterion.compute_value(unit * units) + _SPENT * len(criterion.targets)
+    limit = criterion.compute_value(trials_per_unit * units) + _SPENT * len(criterion.targets)
     merged = units
-    while np.count_nonzero(merged) > fewest:
-        shorter = _list_merged(merged)
+    while np.count_nonzero(merged) > fewest_heights:
+        shorter = _list_neighbour_merges(merged)
         losses = []
         for shares in shorter:
-            losses.append(round(criterion.compute_value(unit * shares), 9))
+            losses.append(round(criterion.compute_value(trials_per_unit * shares), 9))
         best = int(np.argmin(losses))
         if losses[best] > limit:
             break
@@ -175,7 +179,7 @@ def merge_heights(criterion: Criterion, units: Array, unit: int, fewest: int) ->
     return merged
 
 
-def _list_merged(units: Array) -> list[Array]:
+def _list_neighbour_merges(units: Array) -> list[Array]:
     """Return what is left when all trials of a height go to one of its neighbours."""
     used = np.flatnonzero(units).tolist()
     merged = []
@@ -189,17 +193,19 @@ def _list_merged(units: Array) -> list[Array]:
 
 
 def _find_best_move(
-    criterion: Criterion, units: Array, unit: int, chunk: int, fewest: int
+    criterion: Criterion, units: Array, trials_per_unit: int, most_units: int, fewest_heights: int
 ) -> Array | None:
     """Return the units after the best move of at most a chunk; None where none improves."""
-    best = criterion.compute_value(unit * units) - _GAIN
+    best = criterion.compute_value(trials_per_unit * units) - _GAIN
     found = None
     for source in np.flatnonzero(units).tolist():
-        amount = min(chunk, int(units[source]))
+        amount = min(most_units, int(units[source]))
         left = units.copy()
         left[source] -= amount
-        values = criterion.assess_additions(unit * left, unit * amount)
-        if np.count_nonzero(left) < fewest:
+        values = criterion.compute_values_with_additions(
+            trials_per_unit * left, trials_per_unit * amount
+        )
+        if np.count_nonzero(left) < fewest_heights:
             values[left > 0.0] = np.inf  # a height that is used already makes no further one
         goal = int(values.argmin())
         if values[goal] < best and goal != source:

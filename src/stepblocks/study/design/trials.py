@@ -75,7 +75,7 @@ class Design:
 
 
 @dataclass(frozen=True)
-class _Plan:
+class _TrialPlan:
     """What every participant meets.
 
     Attributes
@@ -106,17 +106,17 @@ class _Plan:
     settings: Sequence[Levels]
     interleaved: bool
 
-    def list_turns(self, order: Sequence[int]) -> list[list[int]]:
+    def group_settings_into_turns(self, setting_order: Sequence[int]) -> list[list[int]]:
         """Return the settings that are run together, in the order of a participant."""
         if self.interleaved:
-            return [[*order]]
-        return [[setting] for setting in order]
+            return [[*setting_order]]
+        return [[setting] for setting in setting_order]
 
-    def list_conditions(self, setting: int) -> list[str]:
+    def list_conditions_of_setting(self, setting_index: int) -> list[str]:
         """Return the conditions of a setting: of pairs, which block is given first."""
         if self.standards:
             return PairOrder.list_names()
-        return ["/".join(self.settings[setting])]
+        return ["/".join(self.settings[setting_index])]
 
 
 @dataclass(frozen=True)
@@ -170,7 +170,7 @@ def design_trials(
     StudyError
         If such a design is impossible, or has more than `MAX_TRIALS` trials.
     """
-    _check_names(items, factors, between, standard)
+    _check_design_names(items, factors, between, standard)
     within = [name for name in factors if name not in between]
     settings = _cross_levels(factors, within)
     groups = _cross_levels(factors, between)
@@ -178,17 +178,17 @@ def design_trials(
     if standard:
         pair_orders = len(PairOrder)
     trials_of_each = len(settings) * len(items) * repetitions * pair_orders
-    _check_size(participants, repetitions, seed, len(groups), trials_of_each)
+    _check_design_size(participants, repetitions, seed, len(groups), trials_of_each)
     generator = np.random.default_rng(seed)
     group = generator.permutation(participants) % len(groups)
-    orders = _order_settings(group, len(groups), len(settings), generator)
+    orders = _allocate_setting_orders(group, len(groups), len(settings), generator)
     judged, standards = [], []
     for item in items:
         if item.identity == standard:
             standards.append(item)
         else:
             judged.append(item)
-    plan = _Plan(
+    plan = _TrialPlan(
         experiment,
         judged,
         standards * len(judged),
@@ -205,7 +205,9 @@ def design_trials(
         codes = assign_codes([*judged, *plan.standards], generator, items)
         blocks[str(person + 1)] = codes.get_items_by_code()
         levels = groups[group[person]]
-        trials += _yield_trials(plan, str(person + 1), codes, orders[person], levels, generator)
+        trials += _iterate_trial_rows(
+            plan, str(person + 1), codes, orders[person], levels, generator
+        )
     balance = replace(measure_balance(orders), interleaved=interleaved, groups=len(groups))
     return Design(experiment, trials, blocks, balance)
 
@@ -216,7 +218,7 @@ def _cross_levels(factors: Factors, names: Iterable[str]) -> list[tuple[str, ...
     return list(itertools.product(*levels))
 
 
-def _check_names(
+def _check_design_names(
     items: Sequence[Item], factors: Factors, between: Sequence[str], standard: str
 ) -> None:
     """Reject names of factors, levels and blocks that a design cannot have."""
@@ -255,57 +257,62 @@ def _check_levels(name: str, levels: Sequence[str]) -> None:
         raise StudyError(f"a factor must be one word, got {name!r}")
 
 
-def _check_size(
-    participants: int, repetitions: int, seed: int, groups: int, trials_of_each: int
+def _check_design_size(
+    participants: int, repetitions: int, seed: int, group_count: int, trials_of_each: int
 ) -> None:
     """Reject a design without repetitions, with empty groups, or with too many trials."""
     if repetitions < 1:
         raise StudyError(f"repetitions must be at least 1, got {repetitions}")
     if seed < 0:
         raise StudyError(f"seed must not be negative, got {seed}")
-    if participants < groups:
+    if participants < group_count:
         raise StudyError(
-            f"participants must be at least {groups}, one for each group, got {participants}"
+            f"participants must be at least {group_count}, one for each group, got {participants}"
         )
     total = participants * trials_of_each
     if total > MAX_TRIALS:
         raise StudyError(f"a design must have at most {MAX_TRIALS} trials, got {total}")
 
 
-def _order_settings(
-    group: NDArray[np.int64], groups: int, settings: int, generator: np.random.Generator
+def _allocate_setting_orders(
+    group_of_participant: NDArray[np.int64],
+    group_count: int,
+    setting_count: int,
+    generator: np.random.Generator,
 ) -> Orders:
     """Return the order of settings of each participant, balanced within each group.
 
-    `group`, shape (participants,), has the number of each participant's group.
+    `group_of_participant`, shape (participants,), has the number of each participant's group.
     """
-    orders = np.zeros((len(group), settings), dtype=np.int64)
-    for index, count in enumerate(np.bincount(group, minlength=groups)):
-        orders[group == index] = allocate_orders(int(count), settings, generator)
+    orders = np.zeros((len(group_of_participant), setting_count), dtype=np.int64)
+    for index, count in enumerate(np.bincount(group_of_participant, minlength=group_count)):
+        orders[group_of_participant == index] = allocate_orders(
+            int(count), setting_count, generator
+        )
     return orders
 
 
-def _yield_trials(
-    plan: _Plan,
+def _iterate_trial_rows(
+    plan: _TrialPlan,
     participant: str,
     codes: Codes,
-    order: Sequence[int],
-    levels: Levels,
+    setting_order: Sequence[int],
+    between_levels: Levels,
     generator: np.random.Generator,
 ) -> Iterator[dict[str, str]]:
     """Yield the rows of design.csv of one participant.
 
     Parameters
     ----------
-    plan : _Plan
+    plan : _TrialPlan
         What every participant meets.
     participant : str
         Number of the participant.
     codes : Codes
         Of the participant; those of the blocks come before those of the standard.
-    order : sequence of int
+    setting_order : sequence of int
         Of the settings.
-    levels : tuple of str
+    between_levels : tuple of str
         Of the factors between participants.
     generator : Generator
         Source of all chance.
@@ -315,14 +322,16 @@ def _yield_trials(
     practice_code = {item.identity: code for code, item in codes.practised.items()}
     number = 0
     last = ""
-    for settings, repetition in itertools.product(plan.list_turns(order), range(plan.repetitions)):
-        cells = list(_cross_blocks_with_conditions(plan, settings, judged))
+    for settings, repetition in itertools.product(
+        plan.group_settings_into_turns(setting_order), range(plan.repetitions)
+    ):
+        cells = list(_iterate_block_condition_cells(plan, settings, judged))
         facing = dict[str, dict[str, str]]()  # code of the standard by order and block
         if standards:
             for pair_order in PairOrder:
                 drawn = generator.permutation(standards)
                 facing[pair_order] = dict(zip(judged, map(str, drawn), strict=True))
-        for cell in _shuffle_cells(cells, last, generator):
+        for cell in _shuffle_without_repeats(cells, last, generator):
             number += 1
             standard = ""
             if standards:
@@ -330,7 +339,9 @@ def _yield_trials(
             when = (participant, str(number), cell.condition, str(repetition + 1))
             row = make_trial_row(plan.experiment, when, codes.judged, cell.code, standard)
             names = (*plan.within, *plan.between)
-            for name, level in zip(names, (*plan.settings[cell.setting], *levels), strict=True):
+            for name, level in zip(
+                names, (*plan.settings[cell.setting], *between_levels), strict=True
+            ):
                 row[f"{FACTOR}{name}"] = level
             row["practice_code"] = practice_code.get(row["stimulus"], "")
             row["practice_standard_code"] = practice_code.get(row["standard"], "")
@@ -338,19 +349,19 @@ def _yield_trials(
             last = cell.code
 
 
-def _cross_blocks_with_conditions(
-    plan: _Plan, settings: Sequence[int], codes: Sequence[str]
+def _iterate_block_condition_cells(
+    plan: _TrialPlan, settings: Sequence[int], codes: Sequence[str]
 ) -> Iterator[_Cell]:
     """Yield every block in every condition of some settings."""
     for setting in settings:
-        conditions = plan.list_conditions(setting)
+        conditions = plan.list_conditions_of_setting(setting)
         for code, condition in itertools.product(codes, conditions):
             yield _Cell(code, condition, setting)
 
 
 def make_trial_row(
     experiment: str,
-    when: Sequence[str],
+    when_cells: Sequence[str],
     blocks: Mapping[str, Item],
     code: str,
     standard: str = "",
@@ -361,46 +372,46 @@ def make_trial_row(
     ----------
     experiment : str
         Its kind.
-    when : sequence of str
+    when_cells : sequence of str
         Cells of the columns `WHEN`.
     blocks : mapping of Item
         By code.
     code, standard : str
         Codes of the block and of the standard that it is compared with, if there is one.
     """
-    row = {"experiment": experiment, **dict(zip(WHEN, when, strict=True))}
-    block = {**blocks[code].describe_for_loader(), "code": code}
+    row = {"experiment": experiment, **dict(zip(WHEN, when_cells, strict=True))}
+    block = {**blocks[code].make_loader_columns(), "code": code}
     for column in _BLOCK:
         row[column] = block[column]
     facing = dict.fromkeys(_BLOCK, "")
     if standard:
-        facing = {**blocks[standard].describe_for_loader(), "code": standard}
+        facing = {**blocks[standard].make_loader_columns(), "code": standard}
     for column, name in zip(_STANDARD, _BLOCK, strict=True):
         row[column] = facing[name]
     return row
 
 
-def _shuffle_cells(
-    cells: Sequence[_Cell], last: str, generator: np.random.Generator
+def _shuffle_without_repeats(
+    cells: Sequence[_Cell], previous_code: str, generator: np.random.Generator
 ) -> list[_Cell]:
     """Shuffle a set so that no block follows itself, where that is possible.
 
-    `last` is the code of the block before the set.
+    `previous_code` is the code of the block before the set.
     """
     attempts = 1
     if len({cell.code for cell in cells}) > 1:
         attempts = _SHUFFLES
     for _ in range(attempts):
         shuffled = [cells[index] for index in generator.permutation(len(cells))]
-        if not _has_repetition(shuffled, last):
+        if not _has_repeated_block(shuffled, previous_code):
             break
     return shuffled
 
 
-def _has_repetition(cells: Sequence[_Cell], last: str) -> bool:
-    """Return whether a block follows itself; `last` is the code of the block before the first."""
+def _has_repeated_block(cells: Sequence[_Cell], previous_code: str) -> bool:
+    """Return whether a block follows itself, the first following the block `previous_code`."""
     for cell in cells:
-        if cell.code == last:
+        if cell.code == previous_code:
             return True
-        last = cell.code
+        previous_code = cell.code
     return False

@@ -24,13 +24,13 @@ def check_virtual_factor(name: str, levels: Sequence[str]) -> None:
             f"{', '.join(VIRTUAL_FACTORS)}, got {name!r}"
         )
     for level in levels:
-        _check_level(name, level)
+        _check_virtual_level(name, level)
 
 
-def _check_level(name: str, level: str) -> None:
+def _check_virtual_level(factor: str, level: str) -> None:
     """Reject an unknown word, and a quantity that is not positive."""
-    if name in WORDS:
-        if level not in WORDS[name]:
-            raise StudyError(f"{name} must be one of {', '.join(WORDS[name])}, got {level!r}")
-    elif not parse_quantity(level, DIMENSIONS[name]) > 0.0:
-        raise StudyError(f"{name} must be positive, got {level!r}")
+    if factor in WORDS:
+        if level not in WORDS[factor]:
+            raise StudyError(f"{factor} must be one of {', '.join(WORDS[factor])}, got {level!r}")
+    elif not parse_quantity(level, DIMENSIONS[factor]) > 0.0:
+        raise StudyError(f"{factor} must be positive, got {level!r}")

@@ -14,9 +14,9 @@ from stepblocks.study.analysis.comparisons import (
     Comparisons,
     CurveQuantity,
     compare_settings,
-    fit_setting,
+    fit_comparisons_of_setting,
 )
-from stepblocks.study.analysis.findings import Analysis, name_contrast
+from stepblocks.study.analysis.findings import Analysis, format_contrast_name
 from stepblocks.study.columns import FACTOR, NO, YES, PairOrder, Row, read_number_or_nan
 from stepblocks.study.design.simulate import Observer, simulate_comparison
 from stepblocks.study.experiments.kind import Experiment, Texts
@@ -76,8 +76,8 @@ def _analyse_comparisons(frame: Table, margin: float) -> Analysis:
         heights = [f"{height * 1e6:g} um" for height in standards]
         raise StudyError(f"pairs of one study must have one standard, got {', '.join(heights)}")
     settings = []
-    for name, judgements in frame.groupby(name_settings(frame)):
-        settings.append(fit_setting(str(name), judgements, float(standards[0])))
+    for name, judgements in frame.groupby(format_setting_names(frame)):
+        settings.append(fit_comparisons_of_setting(str(name), judgements, float(standards[0])))
     fitted = [setting for setting in settings if setting.model is not None]
     pairs = list(itertools.combinations(fitted, 2))
     contrasts = dict[CurveQuantity, tuple[Interval, ...]]()
@@ -108,7 +108,7 @@ def _describe_constant_answerers(settings: Sequence[Comparisons]) -> Iterator[st
             )
 
 
-def name_settings(frame: Table) -> pd.Series:
+def format_setting_names(frame: Table) -> pd.Series:
     """Name the setting of each comparison: group, and levels of declared factors."""
     parts = []
     for name in frame:
@@ -124,11 +124,11 @@ def name_settings(frame: Table) -> pd.Series:
 
 def _list_outcomes(frame: Table) -> list[str]:
     """Name the planned tests of every quantity between every two settings."""
-    settings = sorted(set(name_settings(frame)))
+    settings = sorted(set(format_setting_names(frame)))
     outcomes = []
     for quantity in CurveQuantity:
         for first, second in itertools.combinations(settings, 2):
-            outcomes.append(name_contrast(quantity, first, second))
+            outcomes.append(format_contrast_name(quantity, first, second))
     return outcomes
 
 

@@ -10,7 +10,7 @@ from stepblocks.study.analysis.accuracy import MEASURES, SPREAD, Measure, analys
 from stepblocks.study.analysis.findings import Analysis
 from stepblocks.study.analysis.log_error import compute_log_errors
 from stepblocks.study.analysis.people import describe_swapped_conditions
-from stepblocks.study.analysis.repeated import average_participants
+from stepblocks.study.analysis.repeated import tabulate_participant_means
 from stepblocks.study.columns import Row, read_number_or_nan
 from stepblocks.study.design.simulate import Observer, simulate_estimates
 from stepblocks.study.experiments.kind import Experiment
@@ -86,7 +86,7 @@ def analyse_estimates(frame: Table, margin: float) -> Analysis:
 
 def _describe_participants(measure: Measure) -> Iterator[str]:
     """Report participants whose conditions may be swapped, or who have no such measure."""
-    yield from describe_swapped_conditions(average_participants(measure.frame), measure.name)
+    yield from describe_swapped_conditions(tabulate_participant_means(measure.frame), measure.name)
     if measure.left:
         left = ", ".join(measure.left)
         yield f"Without {measure.name}, for answers that never vary: {left}."

@@ -7,11 +7,11 @@ import numpy as np
 from stepblocks.errors import StudyError
 from stepblocks.files.tables import Table
 from stepblocks.study.analysis.anova import Interval, run_f_test
-from stepblocks.study.analysis.findings import EXPONENT, Analysis, name_contrast
+from stepblocks.study.analysis.findings import EXPONENT, Analysis, format_contrast_name
 from stepblocks.study.analysis.influence import tabulate_exponents
 from stepblocks.study.analysis.magnitudes import fit_power_law
 from stepblocks.study.analysis.people import describe_swapped_conditions
-from stepblocks.study.analysis.repeated import compare_participants
+from stepblocks.study.analysis.repeated import compare_conditions_within_participants
 from stepblocks.study.columns import Row, read_number_or_nan
 from stepblocks.study.design.simulate import Observer, simulate_felt_energies
 from stepblocks.study.experiments.kind import Experiment, Texts
@@ -64,11 +64,11 @@ def _analyse_magnitudes(frame: Table, margin: float) -> Analysis:
         laws.append(fit_power_law(judgements, "magnitude", "height", "participant", str(name)))
     analysis = Analysis(frame=frame, power_laws=tuple(laws))
     table = tabulate_exponents(analysis)
-    exponents = compare_participants(table)
+    exponents = compare_conditions_within_participants(table)
     if "group" in frame:
-        exponents += _compare_groups(frame, table, "group")
+        exponents += _compare_group_exponents(frame, table, "group")
     elif len(laws) > 1 and not exponents:  # nobody met two conditions
-        exponents += _compare_groups(frame, table, "condition")
+        exponents += _compare_group_exponents(frame, table, "condition")
     return Analysis(
         frame=frame,
         power_laws=analysis.power_laws,
@@ -77,13 +77,15 @@ def _analyse_magnitudes(frame: Table, margin: float) -> Analysis:
     )
 
 
-def _compare_groups(frame: Table, table: Table, column: str) -> tuple[Interval, ...]:
+def _compare_group_exponents(
+    frame: Table, exponent_table: Table, group_column: str
+) -> tuple[Interval, ...]:
     """Compare the mean exponents of groups of participants, which a column of `frame` names.
 
-    `table` has the exponent of each participant (rows) in each condition (columns).
+    `exponent_table` has the exponent of each participant (rows) in each condition (columns).
     """
-    groups = frame.groupby("participant")[column].first()
-    level = table.mean(axis=1).to_frame("value").assign(group=groups)
+    groups = frame.groupby("participant")[group_column].first()
+    level = exponent_table.mean(axis=1).to_frame("value").assign(group=groups)
     return run_f_test(level, "value", "group").intervals
 
 
@@ -95,7 +97,7 @@ def _list_outcomes(frame: Table) -> list[str]:
     outcomes = []
     for levels in names:
         for first, second in itertools.combinations(sorted(set(levels)), 2):
-            outcomes.append(name_contrast(EXPONENT, first, second))
+            outcomes.append(format_contrast_name(EXPONENT, first, second))
     return outcomes
 
 

@@ -10,7 +10,7 @@ from stepblocks.files.tables import Table
 from stepblocks.study.analysis.accuracy import MEASURES
 from stepblocks.study.analysis.findings import Analysis
 from stepblocks.study.analysis.ordinal import OrdinalFit, fit_ordinal_model
-from stepblocks.study.columns import FACTOR, Row, list_levels, read_number_or_nan
+from stepblocks.study.columns import FACTOR, Row, collect_levels_of_trial, read_number_or_nan
 from stepblocks.study.design.simulate import REALISM, Observer, simulate_ratings
 from stepblocks.study.design.virtual import VIBRATION, VIBRATION_OFF, VIBRATION_ON
 from stepblocks.study.experiments.estimates import (
@@ -21,7 +21,9 @@ from stepblocks.study.experiments.estimates import (
 from stepblocks.study.experiments.kind import Experiment, Texts
 
 
-def _read_virtual(planned: Row, answer: Row, ratings: tuple[int, int]) -> dict[str, float]:
+def _read_estimate_and_rating(
+    planned: Row, answer: Row, ratings: tuple[int, int]
+) -> dict[str, float]:
     """Read an estimated height [m] and a rating."""
     values = read_estimate(planned, answer, ratings)
     low, high = ratings
@@ -34,13 +36,15 @@ def _read_virtual(planned: Row, answer: Row, ratings: tuple[int, int]) -> dict[s
     return {**values, "rating": int(rating)}
 
 
-def _simulate_virtual(trials: Table, observer: Observer, generator: np.random.Generator) -> Texts:
+def _simulate_estimates_and_ratings(
+    trials: Table, observer: Observer, generator: np.random.Generator
+) -> Texts:
     """Simulate estimates in micrometres and ratings, as participants write them."""
     estimates = simulate_estimate_texts(trials, observer, generator)
     vibrating = []
     for row in list_rows(trials):
         texts_of_row = {name: str(value) for name, value in row.items()}
-        vibrating.append(VIBRATION_ON in list_levels(texts_of_row))
+        vibrating.append(VIBRATION_ON in collect_levels_of_trial(texts_of_row))
     people = trials["person"].to_numpy()
     ratings = simulate_ratings(people, np.array(vibrating), observer, generator)
     texts = []
@@ -49,20 +53,20 @@ def _simulate_virtual(trials: Table, observer: Observer, generator: np.random.Ge
     return texts
 
 
-def _analyse_virtual(frame: Table, margin: float) -> Analysis:
+def _analyse_estimates_and_ratings(frame: Table, margin: float) -> Analysis:
     """Analyse estimates, and ratings where these can be: the estimates stand by themselves."""
     analysis = analyse_estimates(frame, margin)
     try:
-        fits = _fit_ratings(frame)
+        fits = _fit_rating_models(frame)
     except StudyError as error:
         remark = f"Ratings are not analysed: {error}."
         return replace(analysis, remarks=(*analysis.remarks, remark))
     return replace(analysis, ordinal=fits)
 
 
-def _fit_ratings(frame: Table) -> dict[str, OrdinalFit]:
+def _fit_rating_models(frame: Table) -> dict[str, OrdinalFit]:
     """Return an ordinal model for each outcome of ratings."""
-    tests = _name_tests_of_ratings(frame)
+    tests = _name_rating_tests(frame)
     fits = {}
     for tested, outcome in tests.items():
         beside = [column for column in tests if column != tested]
@@ -70,7 +74,7 @@ def _fit_ratings(frame: Table) -> dict[str, OrdinalFit]:
     return fits
 
 
-def _name_tests_of_ratings(frame: Table) -> dict[str, str]:
+def _name_rating_tests(frame: Table) -> dict[str, str]:
     """Name the test of each column.
 
     Of several factors each is tested beside the others, for there may be more cells than
@@ -85,7 +89,7 @@ def _name_tests_of_ratings(frame: Table) -> dict[str, str]:
 
 def _list_outcomes(frame: Table) -> list[str]:
     """Name the planned tests of estimates and ratings."""
-    return [*MEASURES, *_name_tests_of_ratings(frame).values()]
+    return [*MEASURES, *_name_rating_tests(frame).values()]
 
 
 VIRTUAL = Experiment(
@@ -94,11 +98,11 @@ VIRTUAL = Experiment(
     answers=("estimate_um", "realism_rating"),
     value="estimate",
     factors={VIBRATION: (VIBRATION_OFF, VIBRATION_ON)},
-    read=_read_virtual,
-    simulate=_simulate_virtual,
+    read=_read_estimate_and_rating,
+    simulate=_simulate_estimates_and_ratings,
     quantities=MEASURES,
     list_outcomes=_list_outcomes,
-    analyse=_analyse_virtual,
+    analyse=_analyse_estimates_and_ratings,
     takes=(
         "factors",
         "interleaved",

@@ -48,10 +48,10 @@ def format_condition_files(
     """
     if program not in WRITTEN:
         raise StudyError(f"program must be one of {', '.join(WRITTEN)}, got {program!r}")
-    trials = _collect_trials(sheets, kind)
+    trials = _collect_trial_variables(sheets, kind)
     files = {}
     if program == "jspsych":
-        files[f"{program}/trials.js"] = _format_script(kind, trials, plan)
+        files[f"{program}/trials.js"] = _format_jspsych_script(kind, trials, plan)
     else:
         for participant, variables in trials.items():
             files[f"{program}/participant-{participant}.csv"] = format_csv(variables)
@@ -73,7 +73,7 @@ def format_condition_files(
     return files
 
 
-def _collect_trials(
+def _collect_trial_variables(
     sheets: Mapping[str, Sequence[Row]], kind: Experiment
 ) -> dict[str, list[dict[str, str]]]:
     """Return the variables of every trial by participant, from the run sheets by participant."""
@@ -81,12 +81,12 @@ def _collect_trials(
     for participant, rows in sheets.items():
         variables = []
         for row in rows:
-            variables.append(_collect_variables(row, kind))
+            variables.append(_collect_row_variables(row, kind))
         trials[participant] = variables
     return trials
 
 
-def _collect_variables(row: Row, kind: Experiment) -> dict[str, str]:
+def _collect_row_variables(row: Row, kind: Experiment) -> dict[str, str]:
     """Return the variables of a trial: what a run sheet shows, under names that nobody else has."""
     variables = {}
     for name, text in row.items():
@@ -95,7 +95,9 @@ def _collect_variables(row: Row, kind: Experiment) -> dict[str, str]:
     return variables
 
 
-def _format_script(kind: Experiment, trials: Mapping[str, Sequence[Row]], plan: Plan) -> str:
+def _format_jspsych_script(
+    kind: Experiment, trials: Mapping[str, Sequence[Row]], plan: Plan
+) -> str:
     """Write the trials of all participants and a timeline that runs them, in JavaScript."""
     low, high = plan.anchors
     rating = f"{plan.question} (1: {low}, 7: {high})"

@@ -11,20 +11,20 @@ _NAMES = ("Zone Name", "Object Name", "Question Key", "Zone Type", "Component Na
 _NO_ANSWERS = ("BEGIN TASK", "END TASK", "AUDIO PLAY REQUESTED", "END OF FILE")
 
 
-def _unfold(table: TextTable) -> Records:
+def _convert_gorilla_table(table: TextTable) -> Records:
     """Keep the rows of answers, and give each zone a column of its own."""
     names = [name.removeprefix(_SPREADSHEET) for name in table.names]
     if len(set(names)) < len(names):
         names = [*table.names]
     kept = []
     for number, cells in enumerate(table.rows):
-        if _is_answer(dict(zip(names, cells, strict=False))):
+        if _is_answer_row(dict(zip(names, cells, strict=False))):
             kept.append(number)
     answers = keep_rows(table, kept)
     channels = dict[str, Channel]()
     columns = []
     for cells in answers.rows:
-        question = _name_question(dict(zip(names, cells, strict=False)))
+        question = _get_question_name(dict(zip(names, cells, strict=False)))
         column = f"response of {question}"
         channels[column] = Channel(column, question, "Reaction Time")
         columns.append(column)
@@ -38,7 +38,7 @@ def _unfold(table: TextTable) -> Records:
     return Records(table, list(channels.values()))
 
 
-def _is_answer(record: Mapping[str, str]) -> bool:
+def _is_answer_row(record: Mapping[str, str]) -> bool:
     """Return whether a row is what a participant answered, rather than what was shown."""
     if not record.get("Response", "") or record["Response"] in _NO_ANSWERS:
         return False
@@ -49,7 +49,7 @@ def _is_answer(record: Mapping[str, str]) -> bool:
     return True
 
 
-def _name_question(record: Mapping[str, str]) -> str:
+def _get_question_name(record: Mapping[str, str]) -> str:
     """Return what a row calls the zone that was answered."""
     for name in _NAMES:
         if record.get(name, ""):
@@ -73,7 +73,7 @@ GORILLA = Program(
         *("Clock *", "Absolute *", "Relative *", "Current *", "Manipulation*", "ShowProgressBar"),
         *("randomiser*", "branch*", "counterbalance*", "order-*", "Store*"),
     ),
-    unfold=_unfold,
+    unfold=_convert_gorilla_table,
     seconds=1e-3,
     has_events=True,
 )

@@ -6,34 +6,34 @@ from dataclasses import replace
 
 from stepblocks.errors import StudyError
 from stepblocks.files.text_table import TextTable
-from stepblocks.study.programs.program import PREFIX, Channel, Program, Records, list_cells
+from stepblocks.study.programs.program import PREFIX, Channel, Program, Records, list_cells_in_order
 
 _RESPONSES = ("response", "responses")  # version 7 and later, 6
 _ANSWER = f"{PREFIX}answer"  # column that names the question of a trial
 _NOTHING = ("", "null", "undefined")
 
 
-def _unfold(table: TextTable) -> Records:
+def _convert_jspsych_table(table: TextTable) -> Records:
     """Give every question a column of its own, and take timeline variables out of their object."""
     records = []
     channels = dict[str, Channel]()
     for cells in table.rows:
         record = dict(zip(table.names, cells, strict=False))
-        record.update(_read_object(record.pop("timeline_variables", "")))
-        for channel, text in _yield_answers(record):
+        record.update(_parse_json_object(record.pop("timeline_variables", "")))
+        for channel, text in _iterate_answers(record):
             channels[channel.column] = channel
             record[channel.column] = text
         for name in _RESPONSES:
             record.pop(name, None)
         records.append(record)
-    names = _list_names(records)
+    names = _list_record_names(records)
     rows = []
     for record in records:
-        rows.append(list_cells(record, names))
+        rows.append(list_cells_in_order(record, names))
     return Records(replace(table, names=names, rows=rows), list(channels.values()))
 
 
-def _list_names(records: Iterable[Mapping[str, object]]) -> tuple[str, ...]:
+def _list_record_names(records: Iterable[Mapping[str, object]]) -> tuple[str, ...]:
     """List the names of all records, each once, in the order in which they come up."""
     names = dict[str, None]()
     for record in records:
@@ -41,26 +41,26 @@ def _list_names(records: Iterable[Mapping[str, object]]) -> tuple[str, ...]:
     return tuple(names)
 
 
-def _yield_answers(record: Mapping[str, str]) -> Iterator[tuple[Channel, str]]:
+def _iterate_answers(record: Mapping[str, str]) -> Iterator[tuple[Channel, str]]:
     """Yield the answers of a record: of a form those to its questions, else the one there is."""
-    text = _find_response(record)
+    text = _get_response_text(record)
     if text in _NOTHING:
         return
-    answers = _read_object(text)
+    answers = _parse_json_object(text)
     for question, answer in answers.items():
         yield Channel(f"answer to {question}", question, "rt"), answer
     if answers:
         return
     question = record.get(_ANSWER, "")
     if question:
-        yield Channel(f"answer to {question}", question, "rt"), _unquote(text)
+        yield Channel(f"answer to {question}", question, "rt"), _strip_json_quotes(text)
         return
     kind = record.get("trial_type", "")
     is_position = "button" in kind
-    yield Channel(f"response of {kind}", kind, "rt", is_position), _unquote(text)
+    yield Channel(f"response of {kind}", kind, "rt", is_position), _strip_json_quotes(text)
 
 
-def _find_response(record: Mapping[str, str]) -> str:
+def _get_response_text(record: Mapping[str, str]) -> str:
     """Return the text of the response of a record; empty where there is none."""
     for name in _RESPONSES:
         if record.get(name, ""):
@@ -68,7 +68,7 @@ def _find_response(record: Mapping[str, str]) -> str:
     return ""
 
 
-def _read_object(text: str) -> dict[str, str]:
+def _parse_json_object(text: str) -> dict[str, str]:
     """Read the members of a JSON object as texts; none where the text is no object."""
     if not text.startswith("{"):
         return {}
@@ -78,18 +78,18 @@ def _read_object(text: str) -> dict[str, str]:
         return {}
     members = {}
     for name, value in document.items():
-        members[name] = write_json_value(value)
+        members[name] = format_json_value(value)
     return members
 
 
-def _unquote(text: str) -> str:
+def _strip_json_quotes(text: str) -> str:
     """Return a JSON string without its quotes; anything else as it stands."""
     if len(text) > 1 and text.startswith('"') and text.endswith('"'):
         return text[1:-1]
     return text
 
 
-def write_json_value(value: object) -> str:
+def format_json_value(value: object) -> str:
     """Write a value of a JSON document as the cell of a table."""
     if value is None:
         return ""
@@ -105,14 +105,14 @@ def _is_list_of_objects(document: object) -> bool:
     return all(isinstance(item, dict) for item in document)
 
 
-def read_json_records(text: str, file: str) -> TextTable:
+def parse_json_records(text: str, file_name: str) -> TextTable:
     """Read the records that jsPsych writes as JSON: a list of objects.
 
     Parameters
     ----------
     text : str
         Content of the file.
-    file : str
+    file_name : str
         Its path, for messages.
 
     Returns
@@ -128,17 +128,19 @@ def read_json_records(text: str, file: str) -> TextTable:
     try:
         document = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise StudyError(f"records must be JSON: {error!s:.80} [{file}]") from error
+        raise StudyError(f"records must be JSON: {error!s:.80} [{file_name}]") from error
     if not _is_list_of_objects(document):
-        raise StudyError(f"records must be a JSON list of objects, one for each trial [{file}]")
-    names = _list_names(document)
+        raise StudyError(
+            f"records must be a JSON list of objects, one for each trial [{file_name}]"
+        )
+    names = _list_record_names(document)
     rows = []
     for record in document:
         cells = []
         for name in names:
-            cells.append(write_json_value(record.get(name)))
+            cells.append(format_json_value(record.get(name)))
         rows.append(cells)
-    return TextTable(names, rows, range(1, len(rows) + 1), file)
+    return TextTable(names, rows, range(1, len(rows) + 1), file_name)
 
 
 JSPSYCH = Program(
@@ -154,7 +156,7 @@ JSPSYCH = Program(
         *("failed_images", "failed_audio", "failed_video", "accuracy", "key_press", "prompt"),
         *("button_pressed", "study_id", "session_id", "STUDY_ID", "SESSION_ID", _ANSWER),
     ),
-    unfold=_unfold,
+    unfold=_convert_jspsych_table,
     seconds=1e-3,
     has_events=True,
 )

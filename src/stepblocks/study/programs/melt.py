@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from stepblocks.errors import StudyError
 from stepblocks.files.text_table import TextTable
-from stepblocks.study.programs.program import list_cells, pick
+from stepblocks.study.programs.program import list_cells_in_order, pick_by_indices
 from stepblocks.study.programs.records import AnswerSearch
 
 _FIELD = re.compile(r"\{(\w*)\}")
@@ -51,30 +51,30 @@ def melt_table(table: TextTable, pattern: str, search: AnswerSearch) -> TextTabl
     kept = sorted(set(range(len(table.names))).difference(known))
     rows, places = [], []
     for cells, place in zip(table.rows, table.places, strict=True):
-        kept_cells = pick(cells, kept)
+        kept_cells = pick_by_indices(cells, kept)
         trials = dict[tuple[str, ...], dict[str, str]]()
         for column, found in known.items():
-            levels = tuple(list_cells(found, fields))
+            levels = tuple(list_cells_in_order(found, fields))
             trial = trials.setdefault(levels, {})
             answer = found.get(_ANSWER, answers[0])
             trial[answer] = cells[column]
         for levels, trial in trials.items():
-            rows.append([*kept_cells, *levels, *list_cells(trial, answers)])
+            rows.append([*kept_cells, *levels, *list_cells_in_order(trial, answers)])
             places.append(place)
-    names = (*pick(table.names, kept), *fields, *answers)
+    names = (*pick_by_indices(table.names, kept), *fields, *answers)
     return replace(table, names=names, rows=rows, places=places, units=())
 
 
 def _parse_column_names(table: TextTable, pattern: str) -> dict[int, Mapping[str, str]]:
     """Parse the names of columns by a pattern; return the texts of its fields by column."""
-    expression = _compile_pattern(pattern)
+    expression = _compile_column_pattern(pattern)
     found = dict[int, Mapping[str, str]]()
     for column, name in enumerate(table.names):
         fitted = expression.fullmatch(name)
         if fitted is not None:
             texts = fitted.groupdict()
             for field, text in texts.items():
-                if _is_length(field):
+                if _is_length_field(field):
                     texts[field] = text.replace(",", ".")
             found[column] = texts
     if not found:
@@ -86,7 +86,7 @@ def _parse_column_names(table: TextTable, pattern: str) -> dict[int, Mapping[str
     return found
 
 
-def _compile_pattern(pattern: str) -> re.Pattern[str]:
+def _compile_column_pattern(pattern: str) -> re.Pattern[str]:
     """Return the regular expression of a pattern.
 
     What separates fields stands in no text, so that a pattern with fewer fields than the columns
@@ -118,13 +118,13 @@ def _compile_pattern(pattern: str) -> re.Pattern[str]:
             expression += re.escape(part)
         elif part in _WHOLE:
             expression += rf"(?P<{part}>\d+)"
-        elif _is_length(part):
+        elif _is_length_field(part):
             expression += f"(?P<{part}>{_NUMBER})"
         else:
             expression += f"(?P<{part}>{letter}+)"
     return re.compile(expression)
 
 
-def _is_length(field: str) -> bool:
+def _is_length_field(field: str) -> bool:
     """Return whether a field of a pattern is a length."""
     return field.endswith(("_um", "_mm", "_m"))

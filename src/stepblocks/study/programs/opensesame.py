@@ -6,7 +6,7 @@ from stepblocks.study.programs.program import Channel, Program, Records
 _FORM = "form_response"
 
 
-def _unfold(table: TextTable) -> Records:
+def _convert_opensesame_table(table: TextTable) -> Records:
     """Return the table with its columns of answers: of every item, or of the last one alone."""
     channels = []
     for name in table.names:
@@ -37,6 +37,6 @@ OPENSESAME = Program(
         *("width", "logfile", "repeat_cycle", "round_decimals", "start", "title", "workspace"),
         *("jobs_index", "practice", "platform", "canvas", "mouse_*", "keyboard_*", "psychopy_*"),
     ),
-    unfold=_unfold,
+    unfold=_convert_opensesame_table,
     seconds=1e-3,
 )

@@ -84,9 +84,9 @@ class Program:
     seconds: float = 1.0
     has_events: bool = False
 
-    def recognises(self, names: Sequence[str]) -> bool:
+    def recognises_columns(self, column_names: Sequence[str]) -> bool:
         """Return whether a table with such columns is a record of the program."""
-        return any(_all_match(names, group) for group in self.marks)
+        return any(_all_patterns_match(column_names, group) for group in self.marks)
 
     def is_administrative(self, name: str) -> bool:
         """Return whether a column is one that the program writes for itself."""
@@ -99,21 +99,25 @@ def any_name_matches(names: Sequence[str], pattern: str) -> bool:
     return any(fnmatchcase(name, pattern) for name in names)
 
 
-def _all_match(names: Sequence[str], patterns: Sequence[str]) -> bool:
+def _all_patterns_match(names: Sequence[str], patterns: Sequence[str]) -> bool:
     """Return whether each pattern matches a name."""
     return all(any_name_matches(names, pattern) for pattern in patterns)
 
 
-def keep_rows(table: TextTable, kept: Sequence[int]) -> TextTable:
+def keep_rows(table: TextTable, row_numbers: Sequence[int]) -> TextTable:
     """Return a table of some of the rows, by their numbers from 0."""
-    return replace(table, rows=pick(table.rows, kept), places=pick(table.places, kept))
+    return replace(
+        table,
+        rows=pick_by_indices(table.rows, row_numbers),
+        places=pick_by_indices(table.places, row_numbers),
+    )
 
 
-def pick(items: Sequence[Item], numbers: Sequence[int]) -> list[Item]:
+def pick_by_indices(items: Sequence[Item], indices: Sequence[int]) -> list[Item]:
     """Return the items with some numbers, counted from 0, in the order of the numbers."""
-    return [items[number] for number in numbers]
+    return [items[number] for number in indices]
 
 
-def list_cells(record: Mapping[str, str], names: Sequence[str]) -> list[str]:
+def list_cells_in_order(record: Mapping[str, str], names: Sequence[str]) -> list[str]:
     """Return the cells of a record in the order of some names; empty where it has none."""
     return [record.get(name, "") for name in names]

@@ -9,7 +9,7 @@ from stepblocks.study.programs.program import Channel, Program, Records
 _ENDINGS = (".response", ".keys", ".text", ".rating")  # sliders, keyboards, text boxes, old scales
 
 
-def _unfold(table: TextTable) -> Records:
+def _convert_psychopy_table(table: TextTable) -> Records:
     """Return the table with its columns of answers."""
     channels = []
     for name in table.names:
@@ -29,5 +29,5 @@ PSYCHOPY = Program(
         *("session", "date", "expName", "expVersion", "psychopyVersion", "frameRate", "expStart"),
         *("notes", "OS", "Unnamed: *"),
     ),
-    unfold=_unfold,
+    unfold=_convert_psychopy_table,
 )

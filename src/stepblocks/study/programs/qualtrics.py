@@ -12,7 +12,7 @@ _HEADERS = 2
 _NO_PARTICIPANT = ("survey preview", "survey test", "spam", "1", "2", "8", "9")
 
 
-def _unfold(table: TextTable) -> Records:
+def _convert_qualtrics_table(table: TextTable) -> Records:
     """Leave out the further rows of headers, previews and tests."""
     responses = range(_count_header_rows(table), len(table.rows))
     kept = _list_rows_of_participants(table, responses)
@@ -32,13 +32,13 @@ def _count_header_rows(table: TextTable) -> int:
     return headers
 
 
-def _list_rows_of_participants(table: TextTable, responses: Sequence[int]) -> list[int]:
+def _list_rows_of_participants(table: TextTable, response_rows: Sequence[int]) -> list[int]:
     """List the rows, of those of responses, that a participant gave; all without a status."""
     if "Status" not in table.names:
-        return [*responses]
+        return [*response_rows]
     statuses = table.get_named_cells("Status")
     kept = []
-    for row in responses:
+    for row in response_rows:
         if statuses[row].lower() not in _NO_PARTICIPANT:
             kept.append(row)
     return kept
@@ -53,5 +53,5 @@ QUALTRICS = Program(
         *("Finished", "RecordedDate", "ResponseId", "Recipient*", "ExternalReference"),
         *("Location*", "DistributionChannel", "UserLanguage", "Q_*", "*_DO", "*_DO_*"),
     ),
-    unfold=_unfold,
+    unfold=_convert_qualtrics_table,
 )

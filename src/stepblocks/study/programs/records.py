@@ -14,9 +14,16 @@ from stepblocks.files.text import measure_file_size
 from stepblocks.files.text_table import TableShape, TextTable, read_names, read_text_table
 from stepblocks.study.columns import COMPARED, NO, YES, NamedColumns, read_number_or_nan
 from stepblocks.study.programs.gorilla import GORILLA
-from stepblocks.study.programs.jspsych import JSPSYCH, read_json_records
+from stepblocks.study.programs.jspsych import JSPSYCH, parse_json_records
 from stepblocks.study.programs.opensesame import OPENSESAME
-from stepblocks.study.programs.program import PREFIX, Channel, Program, Records, keep_rows, pick
+from stepblocks.study.programs.program import (
+    PREFIX,
+    Channel,
+    Program,
+    Records,
+    keep_rows,
+    pick_by_indices,
+)
 from stepblocks.study.programs.psychopy import PSYCHOPY
 from stepblocks.study.programs.qualtrics import QUALTRICS
 
@@ -44,15 +51,15 @@ class AnswerSearch:
     columns: NamedColumns
 
 
-def find_program(names: Sequence[str]) -> Program | None:
+def recognise_program(column_names: Sequence[str]) -> Program | None:
     """Return the program whose records have such columns; None for any other table."""
     for program in PROGRAMS:
-        if program.recognises(names):
+        if program.recognises_columns(column_names):
             return program
     return None
 
 
-def is_json(path: Path) -> bool:
+def has_json_suffix(path: Path) -> bool:
     """Return whether a file is called a JSON document."""
     return path.suffix.lower() == ".json"
 
@@ -74,8 +81,8 @@ def read_program_table(path: Path, layout: TableLayout, most_bytes: int) -> Text
     StudyError
         If it cannot be read.
     """
-    if not is_json(path):
-        program = find_program(read_names(path))
+    if not has_json_suffix(path):
+        program = recognise_program(read_names(path))
         shape = TableShape(keeps_ragged=program is GORILLA)  # its last row may be short
         return read_text_table(path, layout, StudyError, most_bytes, shape)
     try:
@@ -86,7 +93,7 @@ def read_program_table(path: Path, layout: TableLayout, most_bytes: int) -> Text
     except OSError as error:
         reason = describe_system_error(error, path)
         raise StudyError(f"records cannot be read: {reason} [{path}]") from error
-    return read_json_records(decode_text(raw, path, StudyError).text, str(path))
+    return parse_json_records(decode_text(raw, path, StudyError).text, str(path))
 
 
 def convert_records(table: TextTable, search: AnswerSearch) -> TextTable:
@@ -106,32 +113,32 @@ def convert_records(table: TextTable, search: AnswerSearch) -> TextTable:
     StudyError
         If it is not clear which column holds an answer.
     """
-    program = find_program(table.names)
+    program = recognise_program(table.names)
     if program is None:
         return table
-    records = _keep_trials(program.unfold(table), search)
-    chosen = _choose_channels(records, search)
-    columns = _list_kept_columns(program, records, search)
+    records = _keep_trial_rows(program.unfold(table), search)
+    chosen = _choose_answer_channels(records, search)
+    columns = _collect_kept_columns(program, records, search)
     is_planned = _TRIAL in records.table.names
     if is_planned:
         columns = _name_planned_columns(columns)
     elif "participant" not in search.columns.named:
-        columns.update(_find_participant_column(program, records.table))
+        columns.update(_make_participant_column(program, records.table))
     if chosen and not search.columns.find_stated_name(_REACTION):
-        columns.update(_read_reactions(program, records.table, next(iter(chosen.values()))))
+        columns.update(_read_reaction_column(program, records.table, next(iter(chosen.values()))))
     answers = []
     for answer, channel in chosen.items():
         name = search.columns.get_table_name(answer)
         columns.pop(channel.column, None)
-        columns[name] = _clean_answers(records.table, channel.column)
+        columns[name] = _clean_answer_column(records.table, channel.column)
         answers.append(name)
-    adopted = _build_table(records.table, columns)
+    adopted = _build_table_of_columns(records.table, columns)
     if program.has_events:
-        adopted = _leave_out_unanswered(adopted, answers)
+        adopted = _drop_unanswered_rows(adopted, answers)
     if is_planned:
-        adopted = _join_events(adopted, answers, ("participant", "trial"))
+        adopted = _join_answers_of_trial(adopted, answers, ("participant", "trial"))
     elif len(answers) > 1:
-        adopted = _join_events(adopted, answers, ())
+        adopted = _join_answers_of_trial(adopted, answers, ())
     notes = [*adopted.notes]
     for answer, channel in chosen.items():
         if channel.column != search.columns.get_table_name(answer) and channel.question != answer:
@@ -148,15 +155,15 @@ def _name_planned_columns(columns: Mapping[str, list[str]]) -> dict[str, list[st
     for name, cells in columns.items():
         if name.startswith(PREFIX):
             named[name.removeprefix(PREFIX)] = cells
-    named["trial"] = list(map(_write_whole, named["trial"]))
+    named["trial"] = list(map(_format_whole_number, named["trial"]))
     return named
 
 
-def _keep_trials(records: Records, search: AnswerSearch) -> Records:
+def _keep_trial_rows(records: Records, search: AnswerSearch) -> Records:
     """Leave out the rows of instructions and breaks: those that name no trial or no height."""
     table = records.table
     stated_height = search.columns.find_stated_name("height_um")
-    mark = _find_first_column(table, (_TRIAL, stated_height, *_HEIGHTS))
+    mark = _find_first_known_column(table, (_TRIAL, stated_height, *_HEIGHTS))
     if mark is None:
         return records
     kept = []
@@ -166,7 +173,7 @@ def _keep_trials(records: Records, search: AnswerSearch) -> Records:
     return Records(keep_rows(table, kept), records.channels)
 
 
-def _find_first_column(table: TextTable, names: Sequence[str]) -> str | None:
+def _find_first_known_column(table: TextTable, names: Sequence[str]) -> str | None:
     """Return the first of some names that a column has; None where no column has any of them."""
     for name in names:
         if name in table.names:
@@ -174,7 +181,7 @@ def _find_first_column(table: TextTable, names: Sequence[str]) -> str | None:
     return None
 
 
-def _choose_channels(records: Records, search: AnswerSearch) -> dict[str, Channel]:
+def _choose_answer_channels(records: Records, search: AnswerSearch) -> dict[str, Channel]:
     """Return where each answer stands; an answer is left out where nothing holds it.
 
     Raises
@@ -242,23 +249,23 @@ def _find_filled_channels(records: Records, answer: str, search: AnswerSearch) -
     for channel in records.channels:
         if channel.column in taken:
             continue
-        texts = list(filter(None, _clean_answers(records.table, channel.column)))
+        texts = list(filter(None, _clean_answer_column(records.table, channel.column)))
         if not texts:
             continue
         filled.append(channel)
-        if all(_may_answer(answer, text) for text in texts):
+        if all(_is_possible_answer(answer, text) for text in texts):
             fitting.append(channel)
     return fitting or filled
 
 
-def _may_answer(answer: str, text: str) -> bool:
+def _is_possible_answer(answer_column: str, text: str) -> bool:
     """Return whether a text may be an answer: a number, or of comparisons yes or no."""
-    if answer in COMPARED:
+    if answer_column in COMPARED:
         return text.lower() in (*YES, *NO)
     return not math.isnan(read_number_or_nan(text.replace(",", ".")))
 
 
-def _list_kept_columns(
+def _collect_kept_columns(
     program: Program, records: Records, search: AnswerSearch
 ) -> dict[str, list[str]]:
     """Return the cells of every column that the program does not write for itself."""
@@ -273,7 +280,7 @@ def _list_kept_columns(
     return columns
 
 
-def _find_participant_column(program: Program, table: TextTable) -> dict[str, list[str]]:
+def _make_participant_column(program: Program, table: TextTable) -> dict[str, list[str]]:
     """Return the column of participants by our name; nothing where there is none."""
     for name in program.people:
         if name not in table.names:
@@ -284,7 +291,9 @@ def _find_participant_column(program: Program, table: TextTable) -> dict[str, li
     return {}
 
 
-def _read_reactions(program: Program, table: TextTable, channel: Channel) -> dict[str, list[str]]:
+def _read_reaction_column(
+    program: Program, table: TextTable, channel: Channel
+) -> dict[str, list[str]]:
     """Return the reaction times of an answer [s] by our name; nothing where there are none."""
     if channel.reaction not in table.names:
         return {}
@@ -298,7 +307,7 @@ def _read_reactions(program: Program, table: TextTable, channel: Channel) -> dic
     return {_REACTION: seconds}
 
 
-def _clean_answers(table: TextTable, column: str) -> list[str]:
+def _clean_answer_column(table: TextTable, column: str) -> list[str]:
     """Return the answers of a column; empty where nobody answered."""
     return list(map(_clean_answer, table.get_named_cells(column)))
 
@@ -314,7 +323,7 @@ def _clean_answer(cell: str) -> str:
     return text
 
 
-def _write_whole(text: str) -> str:
+def _format_whole_number(text: str) -> str:
     """Write the number of a trial without a decimal point, which some programs add."""
     value = read_number_or_nan(text)
     if math.isnan(value) or value != int(value):
@@ -322,39 +331,41 @@ def _write_whole(text: str) -> str:
     return str(int(value))
 
 
-def _build_table(table: TextTable, columns: Mapping[str, Sequence[str]]) -> TextTable:
+def _build_table_of_columns(table: TextTable, columns: Mapping[str, Sequence[str]]) -> TextTable:
     """Return a table of other columns in the same rows."""
     rows = list(map(list, zip(*columns.values(), strict=True)))
     return replace(table, names=tuple(columns), rows=rows, units=())
 
 
-def _leave_out_unanswered(table: TextTable, answers: Sequence[str]) -> TextTable:
+def _drop_unanswered_rows(table: TextTable, answers: Sequence[str]) -> TextTable:
     """Leave out events without an answer, such as a fixation: a missed trial has no row then."""
     if not answers:
         return table
     columns = table.find_columns(answers)
     kept = []
     for number, cells in enumerate(table.rows):
-        if any(pick(cells, columns)):
+        if any(pick_by_indices(cells, columns)):
             kept.append(number)
     return keep_rows(table, kept)
 
 
-def _join_events(table: TextTable, answers: Sequence[str], keys: Sequence[str]) -> TextTable:
+def _join_answers_of_trial(
+    table: TextTable, answers: Sequence[str], key_columns: Sequence[str]
+) -> TextTable:
     """Join the answers to one trial that stand in several rows.
 
-    Rows belong together that agree in `keys`, or without keys in everything but the answers. An
-    answer that stands in both begins another trial.
+    Rows belong together that agree in `key_columns`, or without keys in everything but the
+    answers. An answer that stands in both begins another trial.
     """
     columns = table.find_columns(answers)
     varying = [*columns]
     if _REACTION in table.names:
         varying.append(table.names.index(_REACTION))
-    compared = _list_compared_columns(table, varying, keys)
+    compared = _list_compared_columns(table, varying, key_columns)
     open_rows = dict[tuple[str, ...], list[str]]()
     kept = []
     for number, cells in enumerate(table.rows):
-        key = tuple(pick(cells, compared))
+        key = tuple(pick_by_indices(cells, compared))
         joined = open_rows.get(key)
         if joined is None or _both_answer_one_column(joined, cells, columns):
             open_rows[key] = cells
