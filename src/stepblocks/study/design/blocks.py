@@ -245,7 +245,7 @@ def _choose_point(stimuli: StimulusSet, felt: Mapping[str, float]) -> OperatingP
     points = []
     for load in loads:
         where = {**felt, "normal_load": load}
-        points.append(stimuli.prediction.make_first_point(**where))
+        points.append(stimuli.prediction.make_first_operating_point(**where))
     rising = sorted(stimuli.step_block, key=lambda block: block.height.nominal)
     faces = [block.counterface() for block in rising]
     for point in points[:-1]:
