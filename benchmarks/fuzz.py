@@ -316,12 +316,12 @@ def _sheets(work: Path) -> Iterator[Kind]:
     Without the part that says when it was written, which would differ from run to run.
     """
     from stepblocks.declaration.read import load_set
-    from stepblocks.parts.on_paper import make_sheet_table
+    from stepblocks.parts.on_paper import make_inspection_sheet_table
     from stepblocks.records.sheet_read import read_filled_sheet
 
     block = load_set(ROOT / "stimuli" / "paper-four.toml").stimuli[0]
     said = {one.key: (one.nominal, 1e-8, "conforms") for one in block.characteristics()}
-    make_sheet_table(block, said).to_excel(work / "s.xlsx", index=False)
+    make_inspection_sheet_table(block, said).to_excel(work / "s.xlsx", index=False)
     with zipfile.ZipFile(work / "s.xlsx") as whole:
         names = {Path(name).name: name for name in whole.namelist() if "core" not in name}
         parts = {short: whole.read(name) for short, name in names.items()}
@@ -534,7 +534,7 @@ def main(argv: list[str] | None = None) -> int:
         for name, (seeds, read) in kinds(Path(work), arguments.kind):
             # a whole command takes seconds
             count = arguments.count // 10 if name == "commands" else arguments.count
-            rows.append(fuzz(name, seeds, read, count, arguments.seed, arguments.keep))
+            rows.append(fuzz(name, seeds, read, count, arguments.seed, arguments.keep_draft))
             show(name, rows[-1])
     counts, limits = zip(*((row[:4], row[4:]) for row in rows), strict=True)
     total = [sum(column) for column in zip(*counts, strict=True)]

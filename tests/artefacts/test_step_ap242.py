@@ -21,7 +21,7 @@ from stepblocks.artefacts.step.exchange import read_exchange
 from stepblocks.artefacts.step.faces import find_faces
 from stepblocks.artefacts.step.write import write_step_ap242
 from stepblocks.declaration.read import load_set
-from stepblocks.parts.characteristics import EdgeRule, find_face
+from stepblocks.parts.characteristics import EdgeRule, find_face_index
 from stepblocks.parts.shapes import build_solids, mesh_solid
 
 ROOT = Path(__file__).parents[2]
@@ -44,7 +44,9 @@ def test_every_stimulus_names_only_faces_that_its_solid_has():
             for rule in one.faces:
                 owner = one.body if rule.body is None else rule.body
                 sides = (rule.first, rule.second) if isinstance(rule, EdgeRule) else (rule,)
-                found.add((owner, *(find_face(faces[owner], side, stimulus.id) for side in sides)))
+                found.add(
+                    (owner, *(find_face_index(faces[owner], side, stimulus.id) for side in sides))
+                )
             assert len(found) == len(one.faces)
 
 

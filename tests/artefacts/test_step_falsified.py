@@ -11,7 +11,7 @@ from stepblocks.artefacts.step.conform import make_conforming
 from stepblocks.artefacts.step.exchange import read_exchange
 from stepblocks.cli import main
 from stepblocks.errors import MachiningError, MetrologyError
-from stepblocks.parts.characteristics import FaceRule, find_face
+from stepblocks.parts.characteristics import FaceRule, find_face_index
 from stepblocks.parts.shapes import build_solids
 
 
@@ -190,7 +190,7 @@ def test_a_face_that_is_not_there_and_a_text_without_a_header_are_refused():
 
     faces = kernel.describe_faces(build_solids(STIMULI["tip-125"])[0][1])
     with pytest.raises(MachiningError, match="a face must exist"):
-        find_face(faces, FaceRule("PLANE", 2, -1.0), "tip-125")
+        find_face_index(faces, FaceRule("PLANE", 2, -1.0), "tip-125")
     with pytest.raises(MachiningError, match="FILE_NAME"):
         make_conforming("DATA;\nENDSEC;", "x")
 

@@ -113,7 +113,7 @@ def test_a_record_and_its_inspection_say_one_energy_of_a_burr(tmp_path):
     said = float(re.search(r"to ([\d.]+) uJ", result.energy_statement)[1])
     record = read_records([tmp_path])["a"]
     assert record.contact_height == pytest.approx(56 * UM, abs=0.3 * UM)
-    point = block.prediction.make_first_point()
+    point = block.prediction.make_first_operating_point()
     row = predict_set(block, dragged=False, as_built=[tmp_path]).query(
         f"normal_load_n == {point.normal_load} and friction == {point.friction}"
     )

@@ -17,7 +17,7 @@ from stepblocks.inspect.grooves import measure_groove
 from stepblocks.inspect.many import inspect_many, write_many
 from stepblocks.inspect.run import inspect_scan, inspect_standard
 from stepblocks.inspect.working_edge.measure import measure_edge
-from stepblocks.parts.on_paper import make_sheet_table
+from stepblocks.parts.on_paper import make_inspection_sheet_table
 from stepblocks.records.laboratory import InstrumentRecord, Laboratory
 from stepblocks.scans.scan import HeightMap, ScannedProfile
 
@@ -259,7 +259,7 @@ def test_a_bowed_face_is_no_burr():
 def test_the_serial_number_of_a_sheet_is_that_of_the_scans_beside_it(tmp_path):
     scan = write_scan(tmp_path / "scan.csv", block(), ("x_um", "z_um"))
     part = inspect_scan(scan, "step-050", instrument=KNOWN).stimulus
-    sheet = make_sheet_table(part)
+    sheet = make_inspection_sheet_table(part)
     sheet.loc[0, ["measured_mm_or_deg", "std_mm_or_deg"]] = "0.0502", "0.0001"
     sheet["serial_number"] = "SN-7"
     sheet.to_csv(tmp_path / "sheet.csv", index=False)

@@ -11,7 +11,7 @@ from stepblocks.artefacts.step.exchange import read_exchange
 from stepblocks.errors import MachiningError
 from stepblocks.parts.characteristics import FORM, Characteristic
 from stepblocks.parts.kind import Part
-from stepblocks.parts.on_paper import format_limits, format_zone
+from stepblocks.parts.on_paper import format_size_with_deviations, format_zone
 
 if TYPE_CHECKING:
     from ezdxf.entities import DXFEntity
@@ -75,7 +75,7 @@ def _format_requirement(one: Characteristic) -> str:
     return (
         format_zone(one.upper)
         if one.kind in FORM or one.key in ("riser_straightness", "runout")  # in a frame (ISO 1101)
-        else format_limits(one.nominal, one.lower, one.upper, one.quantity)
+        else format_size_with_deviations(one.nominal, one.lower, one.upper, one.quantity)
     )
 
 

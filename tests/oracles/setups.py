@@ -12,7 +12,7 @@ from pathlib import Path
 
 from stepblocks.cad import kernel
 from stepblocks.parts.lettering import outline_centred_text
-from stepblocks.parts.stock import compute_stock
+from stepblocks.parts.stock import compute_stock_corners
 
 GUARD = 1.65 * 2.5e-6  # a value that is accepted may be this far off in truth [m]
 FAR = 0.2  # further than any block reaches [m]
@@ -170,7 +170,7 @@ def make_block(block, sheet: SetupSheet, value: dict[str, float], letters: bool 
 
     What is cut at the edge itself (rounding, groove, gap) is left to the drawing.
     """
-    low, high = compute_stock(block)
+    low, high = compute_stock_corners(block)
     body = kernel.make_box(low, high)
     milled_base = block.body.base - sheet.left_on_base
     body = _keep_between(body, 2, milled_base, FAR)

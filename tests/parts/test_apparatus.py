@@ -16,10 +16,10 @@ from stepblocks.declaration.read import load_set
 from stepblocks.declaration.set import StimulusSet
 from stepblocks.errors import StimulusError
 from stepblocks.parts.apparatus.component import Component
-from stepblocks.parts.apparatus.flexure import compute_flexure, compute_leaf_stiffness
+from stepblocks.parts.apparatus.flexure import compute_flexure_figures, compute_leaf_stiffness
 from stepblocks.parts.apparatus.interference import POSITIONS, find_interferences
-from stepblocks.parts.apparatus.layout import list_components, list_stages
-from stepblocks.parts.apparatus.loads import compute_normal_load, compute_pull
+from stepblocks.parts.apparatus.layout import list_assembly_stages, list_components
+from stepblocks.parts.apparatus.loads import compute_normal_load, compute_pulling_load
 from stepblocks.parts.apparatus.solids import find_h7_deviations, make_bore_mm, make_box_mm
 
 FILE = Path(__file__).resolve().parents[2] / "stimuli" / "apparatus.toml"
@@ -38,7 +38,7 @@ def find_kernel_centre(body):
 
 def test_every_solid_has_the_volume_and_centre_of_mass_of_its_closed_form():
     for component in COMPONENTS:
-        body = component.build()
+        body = component.build_solid()
         volume = kernel.compute_volume(body)
         assert volume == pytest.approx(component.volume, rel=1e-12), component.name
         centre = find_kernel_centre(body)
@@ -51,7 +51,7 @@ def test_a_bore_half_outside_takes_half_and_moves_the_centre_away():
     block = make_box_mm((0.0, -5.0, 0.0), (20.0, 5.0, 10.0))
     part = Component("half", "Half", "steel", boxes=(block,), bores=(half,))
     assert part.volume == pytest.approx(20e-3 * 10e-3 * 10e-3 - 0.5 * math.pi * 4e-6 * 20e-3)
-    assert find_kernel_centre(part.build()) == pytest.approx(part.centre, abs=1e-12)
+    assert find_kernel_centre(part.build_solid()) == pytest.approx(part.centre, abs=1e-12)
 
 
 def test_nothing_is_in_the_way_of_anything_at_21_positions_of_the_travel():
@@ -116,7 +116,9 @@ def test_loads_agree_with_statics_by_hand():
     # a right angle presses with sqrt(2) of the tension, at 1.5 mm of 10 mm
     pulley = 0.0015 * math.sqrt(2.0) * 3.0 / 20.0 * weight
     carriage = 0.003 * moving * G
-    assert compute_pull(KIT, 0.200).force == pytest.approx(weight - pulley - carriage, rel=1e-12)
+    assert compute_pulling_load(KIT, 0.200).force == pytest.approx(
+        weight - pulley - carriage, rel=1e-12
+    )
 
 
 def test_the_uncertainty_of_a_load_is_its_budget_in_squares():
@@ -128,7 +130,7 @@ def test_the_uncertainty_of_a_load_is_its_budget_in_squares():
     assert stds["arm"] == pytest.approx(0.1 * G * 0.15 / 40.0 / math.sqrt(3.0))
     assert load.std == pytest.approx(math.sqrt(math.fsum(std**2 for std in stds.values())))
     assert load.common_std == pytest.approx(math.sqrt(load.std**2 - stds["pivot"] ** 2))
-    assert {line.source.value for line in compute_pull(KIT, 0.1).budget} == {
+    assert {line.source.value for line in compute_pulling_load(KIT, 0.1).budget} == {
         "mass",
         "gravity",
         "pulley",
@@ -198,7 +200,7 @@ def solve_leaf():
 def test_stiffness_and_first_frequency_of_the_flexure_agree_with_finite_elements():
     # scikit-fem in three dimensions
     stiffness, mass, _ = solve_leaf()
-    figures = compute_flexure(KIT)
+    figures = compute_flexure_figures(KIT)
     assert figures.stiffness == pytest.approx(2.0 * stiffness, rel=0.03)
     leaves = 13.0 / 35.0 * 7900.0 * 25e-3 * 16e-3 * 2.5e-3
     assert mass == pytest.approx(leaves, rel=0.02)
@@ -211,13 +213,13 @@ def test_the_output_of_the_bridge_agrees_with_finite_elements():
     _, _, strain_over_force = solve_leaf()
     # both leaves share the pull
     by_elements = KIT.flexure.gauge_factor.value * 0.5 * strain_over_force
-    assert compute_flexure(KIT).sensitivity == pytest.approx(by_elements, rel=0.03)
+    assert compute_flexure_figures(KIT).sensitivity == pytest.approx(by_elements, rel=0.03)
 
 
 def test_the_flexure_is_stiffer_than_the_probe_and_faster_than_its_ring():
     # the paper: 9.81 N/mm, ring at 250 to 350 Hz
     for mass in KIT.normal_weights:
-        figures = compute_flexure(KIT, mass)
+        figures = compute_flexure_figures(KIT, mass)
         assert figures.stiffness > 100.0 * 9810.0
         assert figures.frequency > 2.0 * 350.0
 
@@ -227,7 +229,7 @@ def test_a_kit_reads_back_from_its_parts():
     assert again.stimuli == SET.stimuli
     made = [component.name for component in COMPONENTS if component.is_made]
     assert [part.id for part in SET.stimuli] == made
-    assert sum(len(stage.components) for stage in list_stages(KIT)) == len(COMPONENTS)
+    assert sum(len(stage.components) for stage in list_assembly_stages(KIT)) == len(COMPONENTS)
 
 
 def test_every_dimension_and_figure_says_where_it_comes_from():

@@ -11,8 +11,8 @@ from stepblocks.cad import kernel
 from stepblocks.parts.body import Body, Mounting
 from stepblocks.parts.body_solid import (
     WorkingFace,
-    compute_half_volume,
-    compute_section_volume,
+    compute_cutout_volume,
+    compute_half_block_volume,
     list_half_hull_points,
     make_body_cuts,
 )
@@ -56,9 +56,11 @@ def test_a_half_is_a_box_with_broken_edges(chamfer):
     half = 0.5 * body.length.nominal
     pieces = make_hull(list_half_hull_points(body, 1.0, 0.0, [(0.0, 0.0)]))
     # the hull of its corners, by a library that knows no closed form
-    assert pieces.volume() * 1e-9 == pytest.approx(compute_half_volume(body, half, 0.0), rel=1e-9)
+    assert pieces.volume() * 1e-9 == pytest.approx(
+        compute_half_block_volume(body, half, 0.0), rel=1e-9
+    )
     if chamfer == 0.0:
-        assert compute_half_volume(body, half, 0.0) == pytest.approx(
+        assert compute_half_block_volume(body, half, 0.0) == pytest.approx(
             half * body.width.nominal * body.thickness.nominal, rel=1e-14
         )
 
@@ -90,7 +92,7 @@ def test_holes_and_letters_take_away_what_the_kernel_cuts(kind):
 def test_a_strip_of_full_width_is_a_prism():
     body = BODY.model_copy(update={"edge_break": replace(BODY.edge_break, nominal=0.0)})
     triangle = [(0.0, 0.0), (2e-3, 0.0), (0.0, 1e-3)]
-    assert compute_section_volume(body, 1e-3, triangle) == pytest.approx(
+    assert compute_cutout_volume(body, 1e-3, triangle) == pytest.approx(
         1e-6 * body.width.nominal, rel=1e-12
     )
 
@@ -99,7 +101,7 @@ def test_a_strip_under_the_chamfers_is_narrower_by_them():
     c, width = BODY.edge_break.nominal, BODY.width.nominal
     square = [(0.0, -c), (1e-3, -c), (1e-3, 0.0), (0.0, 0.0)]
     # between z = -c and 0 the width falls linearly from W to W - 2c
-    assert compute_section_volume(BODY, 0.0, square) == pytest.approx(
+    assert compute_cutout_volume(BODY, 0.0, square) == pytest.approx(
         1e-3 * c * (width - c), rel=1e-12
     )
 

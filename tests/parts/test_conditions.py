@@ -166,10 +166,10 @@ def test_the_first_point_of_a_grid_is_under_its_declared_laws_and_a_coefficient_
         "contact": {"law": "linear", "stiffness": "4e6 N/m"},
     }
     grid = PredictionGrid.model_validate({"normal_loads": ["0.5 N"], "laws": laws})
-    point = grid.make_first_point()
+    point = grid.make_first_operating_point()
     # Stribeck at rest is the static coefficient
     assert point.friction == pytest.approx(0.3, rel=1e-12)
     assert point.friction_law is not None
     assert point.contact is not None
-    told = grid.make_first_point(friction=0.2)
+    told = grid.make_first_operating_point(friction=0.2)
     assert (told.friction, told.friction_law) == (0.2, None)

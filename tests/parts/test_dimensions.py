@@ -15,7 +15,7 @@ from stepblocks.parts.declared import (
     complete_face_demands,
     make_sourced_validator,
 )
-from stepblocks.parts.material import MATERIALS, find_material
+from stepblocks.parts.material import MATERIALS, read_material
 from stepblocks.parts.tolerance import (
     Angle,
     Dimension,
@@ -181,7 +181,7 @@ def test_a_table_leaves_out_what_is_not_given():
 def test_every_material_says_where_its_density_comes_from():
     # a steel floats on mercury (13 534 kg/m^3) and sinks in water; so does everything here
     for name, one in MATERIALS.items():
-        assert find_material(name) is find_material(one) is one
+        assert read_material(name) is read_material(one) is one
         assert 1000.0 < one.density.value < 13534.0
         assert one.density.source
         assert one.record()["density_kg_m3"] == one.density.value
@@ -189,7 +189,7 @@ def test_every_material_says_where_its_density_comes_from():
         ValueError,
         match=r"must be one of steel, aluminium, .* or a designation such as .*, got 'mithril'",
     ):
-        find_material("mithril")
+        read_material("mithril")
 
 
 def test_stated_demands_replace_only_themselves():

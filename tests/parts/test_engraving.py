@@ -11,9 +11,9 @@ from stepblocks.declaration.read import load_sets
 from stepblocks.errors import StimulusError, UsageError
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.lettering import compute_text_width
-from stepblocks.parts.on_paper import make_sheet_table
+from stepblocks.parts.on_paper import make_inspection_sheet_table
 from stepblocks.workshop.drawing import draw_part_sheet
-from stepblocks.workshop.setup import write_setup
+from stepblocks.workshop.setup import write_setup_sheet_and_stock
 
 HEIGHT = {"nominal": "50 um", "tolerance": "1 um"}
 
@@ -53,9 +53,9 @@ def test_papers_say_the_text_and_its_place(tmp_path):
     texts = [entity.dxf.text for entity in draw_part_sheet(block).space.query("TEXT")]
     assert "Lab 7" in texts
     assert "middle 3 right, 1 under that of the front" in texts
-    labels = list(make_sheet_table(block)["characteristic"])
+    labels = list(make_inspection_sheet_table(block)["characteristic"])
     assert any(label.endswith("1 mm under the middle of the front") for label in labels)
-    page, _ = write_setup(tmp_path, block, [], None)
+    page, _ = write_setup_sheet_and_stock(tmp_path, block, [], None)
     text = " ".join(page.read_text(encoding="utf-8").split())
     assert "engrave Lab 7, the middle of the letters 3.000 mm to the right of the middle" in text
 

@@ -18,7 +18,7 @@ from stepblocks.declaration.read import load_set
 from stepblocks.declaration.set import SHIPPED
 from stepblocks.errors import ContactError
 from stepblocks.parts.body import Block
-from stepblocks.parts.characteristics import EdgeRule, find_face
+from stepblocks.parts.characteristics import EdgeRule, find_face_index
 from stepblocks.parts.kind import NANOMETRE, choose_exaggeration
 from stepblocks.parts.shapes import build_convex_pieces, build_solids, mesh_solid
 
@@ -117,9 +117,12 @@ def test_the_surface_that_is_written_is_the_one_that_it_is_checked_by(part):
     x = np.linspace(-0.4e-3, 0.4e-3, 801) + 0.37e-6
     x = x[np.abs(x[:, None] - edges).min(axis=1) > 1e-9]
     assert np.allclose(
-        part.counterface().heights(x), [part.top(float(one)) for one in x], rtol=0.0, atol=1e-15
+        part.counterface().heights(x),
+        [part.compute_surface_height(float(one)) for one in x],
+        rtol=0.0,
+        atol=1e-15,
     )
-    assert part.top(0.4e-3) == part.rise
+    assert part.compute_surface_height(0.4e-3) == part.rise
 
 
 @pytest.mark.parametrize("part", PARTS)
@@ -169,7 +172,7 @@ def test_every_characteristic_finds_its_faces(part):
         for rule in one.faces:
             owner = faces[one.body if rule.body is None else rule.body]
             for face in (rule.first, rule.second) if isinstance(rule, EdgeRule) else (rule,):
-                assert 0 <= find_face(owner, face, part.id) < len(owner)
+                assert 0 <= find_face_index(owner, face, part.id) < len(owner)
 
 
 @pytest.mark.parametrize("part", FELT)

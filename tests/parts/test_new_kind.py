@@ -18,7 +18,7 @@ from stepblocks.contact.counterface import Profile
 from stepblocks.declaration.read import load_set
 from stepblocks.declaration.set import list_kinds, register_kind
 from stepblocks.errors import StimulusError
-from stepblocks.parts.characteristics import FaceRule, describe_plane, make_characteristic
+from stepblocks.parts.characteristics import FaceRule, make_characteristic, make_plane_rule
 from stepblocks.parts.kind import CONTACT_DEFLECTION, FITTING_DEFLECTION, Finding
 from stepblocks.parts.material import MaterialField
 from stepblocks.parts.revolution import Turned, make_frusta
@@ -77,7 +77,7 @@ class CollaredPin(Turned):
             "diameter", "diameter", self.diameter, FaceRule("CYLINDER", radius=R)
         )
         yield make_characteristic(
-            "length", "distance", self.length, describe_plane(2, -end), describe_plane(2, end)
+            "length", "distance", self.length, make_plane_rule(2, -end), make_plane_rule(2, end)
         )
         crest, size = FaceRule("CYLINDER", radius=R + H), replace(self.collar_height, nominal=R + H)
         yield make_characteristic("collar_diameter", "diameter", size, crest).doubled

@@ -22,9 +22,9 @@ from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.on_paper import (
     COLUMNS,
     choose_decimals,
-    format_limits,
     format_millimetres,
-    make_sheet_table,
+    format_size_with_deviations,
+    make_inspection_sheet_table,
 )
 from stepblocks.records.sheet_read import read_filled_sheet
 
@@ -42,7 +42,7 @@ def test_a_length_is_printed_with_all_its_decimals_and_read_back_the_same(nanome
 
 def test_nothing_is_printed_as_minus_nothing():
     assert format_millimetres(-1e-12, 3) == "0.000"
-    assert format_limits(-0.0, -0.0, 0.0) == "0.0 ±0.0"
+    assert format_size_with_deviations(-0.0, -0.0, 0.0) == "0.0 ±0.0"
 
 
 @pytest.mark.parametrize(
@@ -55,7 +55,7 @@ def test_nothing_is_printed_as_minus_nothing():
     ],
 )
 def test_deviations_carry_their_signs_the_upper_first(nominal, lower, upper, text):
-    assert format_limits(nominal, lower, upper) == text
+    assert format_size_with_deviations(nominal, lower, upper) == text
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +64,7 @@ def tip():
 
 
 def test_the_sheet_lists_limits_as_values_and_angles_in_degrees(tip):
-    table = make_sheet_table(tip, {"ball_radius": (125.4e-6, 0.1e-6, "conforms")})
+    table = make_inspection_sheet_table(tip, {"ball_radius": (125.4e-6, 0.1e-6, "conforms")})
     assert tuple(table.columns) == COLUMNS
     assert table.number.tolist() == [str(count) for count in range(1, len(table) + 1)]
     ball = table[table.characteristic.str.contains("ball")].iloc[0]
@@ -90,7 +90,7 @@ def test_the_sheet_lists_limits_as_values_and_angles_in_degrees(tip):
 
 def test_a_zone_has_no_nominal_and_no_lower_limit():
     block = load_shipped("paper-ten").step_block[0]
-    table = make_sheet_table(block)
+    table = make_inspection_sheet_table(block)
     zones = table[table.kind.isin(["flatness", "parallelism"])]
     assert len(zones) == 5  # two faces and the base, the upper to the lower, the lower to the base
     assert set(zones.nominal_mm_or_deg) == set(zones.lower_limit_mm_or_deg) == {""}
@@ -211,7 +211,9 @@ def test_every_kind_of_part_has_texts_that_part_21_may_hold():
 @pytest.fixture
 def sheet(tmp_path):
     """A filled sheet as a spreadsheet program writes it."""
-    table = make_sheet_table(load_set(TEN).stimuli[1], {"step_height": (25.1e-6, 1e-7, "conforms")})
+    table = make_inspection_sheet_table(
+        load_set(TEN).stimuli[1], {"step_height": (25.1e-6, 1e-7, "conforms")}
+    )
     table.to_excel(tmp_path / "sheet.xlsx", index=False)
     return tmp_path / "sheet.xlsx"
 

@@ -12,17 +12,17 @@ from stepblocks.declaration.set import StimulusSet
 from stepblocks.errors import StimulusError, UsageError
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.kinds.step_block import StepBlock
-from stepblocks.parts.material import find_material
+from stepblocks.parts.material import read_material
 from stepblocks.parts.shapes import build_solids
-from stepblocks.parts.stock import compute_stock
-from stepblocks.workshop.setup import write_setup
+from stepblocks.parts.stock import compute_stock_corners
+from stepblocks.workshop.setup import write_setup_sheet_and_stock
 
 FREE = "440C, hardened and tempered, 58 HRC"
 PLAIN = {"body": {"mounting": "none", "engraving": "none"}, "metrology": "none"}
 
 
 def test_free_text_is_the_designation_and_its_density_is_that_of_the_standard():
-    material = find_material(FREE)
+    material = read_material(FREE)
     assert material.designation == FREE
     assert material.density.value == 7700.0  # EN 10088-1:2014, annex E, martensitic grades
     assert material.is_hardened
@@ -43,7 +43,7 @@ def test_a_density_of_an_order_is_a_quantity_with_or_without_a_source():
 
 @pytest.mark.parametrize("text", ["stainless", "Ti-6Al-4V", "WC-Co 6 %"])
 def test_no_density_and_no_grade_is_guessed(text):
-    material = find_material(text)
+    material = read_material(text)
     assert material.density is None
     assert "1.4301" not in material.order_text
 
@@ -113,15 +113,15 @@ def test_the_stock_that_a_workshop_has_is_the_stock_of_its_setup_sheet(tmp_path)
         stock=("20 mm", "25 mm", "10 mm"),
         material=FREE,
     )
-    low, high = compute_stock(block)
+    low, high = compute_stock_corners(block)
     assert [b - a for a, b in zip(low, high, strict=True)] == pytest.approx([20e-3, 25e-3, 10e-3])
-    page, _ = write_setup(tmp_path, block)
+    page, _ = write_setup_sheet_and_stock(tmp_path, block)
     text = page.read_text()
     assert "Stock 20.0 x 25.0 x 10.0 mm" in text
     assert "Along x the stock leaves less" in text
     assert "M3-6H tapped, before hardening" in text
     assert text.index("tapped, before hardening") < text.index("harden and temper")
-    plain, _ = write_setup(tmp_path, StepBlock(id="plain", height="65 um", **PLAIN))
+    plain, _ = write_setup_sheet_and_stock(tmp_path, StepBlock(id="plain", height="65 um", **PLAIN))
     assert "drill" not in plain.read_text()
     assert "groove" not in plain.read_text()
     assert "engrave" not in plain.read_text()

@@ -21,7 +21,7 @@ from stepblocks.parts.shapes import (
     mesh_solid,
 )
 from stepblocks.predict.predictions import predict_by_formula
-from stepblocks.workshop.routes import find_routes
+from stepblocks.workshop.routes import list_routes
 
 R = 125e-6
 PLAIN_BODY = {"engraving": "none", "mounting": "none"}
@@ -57,7 +57,9 @@ def test_the_height_field_falls_into_the_relief_and_rises_out_of_it():
     assert row[-1] == 50e-6
     assert (row == -0.1e-3).sum() == 150  # 0.3 mm in steps of 2 um
     x = np.array([-0.301e-3, -0.299e-3, -1e-6, 1e-6])
-    assert block.counterface().heights(x).tolist() == [block.top(one) for one in x.tolist()]
+    assert block.counterface().heights(x).tolist() == [
+        block.compute_surface_height(one) for one in x.tolist()
+    ]
 
 
 def test_a_ball_that_rides_over_the_relief_feels_the_plain_step():
@@ -147,5 +149,5 @@ def test_limits_by_what_is_felt_leave_a_relief_as_it_is_declared(tmp_path):
 
 def test_two_gauge_blocks_miss_a_relief():
     block = make_block(material="gauge-block steel, hardened, 64 HRC")
-    routes = find_routes(block, 2e-6, PAPER)
+    routes = list_routes(block, 2e-6, PAPER)
     assert all("relief" in route.missed for route in routes if "gauge" in route.name)

@@ -13,8 +13,8 @@ from stepblocks.parts.revolution import (
     list_outline_points,
     list_ring_points,
     make_frusta,
-    make_sectors,
     make_turned_hull,
+    turn_cell_into_sectors,
 )
 from stepblocks.parts.shapes import make_hull, split_solid
 
@@ -87,7 +87,7 @@ def test_frusta_of_a_stack_fill_the_polygon_of_the_solid():
 
 def test_sectors_of_a_ring_fill_it_without_a_gap():
     cell = [(2e-3, 0.0), (3e-3, 0.0), (3e-3, 1e-3), (2e-3, 1e-3)]
-    pieces = make_sectors(cell)
+    pieces = turn_cell_into_sectors(cell)
     t = math.tau / len(pieces)
     assert len(pieces) == 96
     assert sum(map(volume, pieces)) == pytest.approx(math.pi * 5e-9 * math.sin(t) / t, rel=1e-12)

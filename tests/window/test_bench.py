@@ -20,11 +20,11 @@ from stepblocks.loop.declared_checks import CalibrationCheck, Declared, RateChec
 from stepblocks.loop.record import convert_to_plain, format_document
 from stepblocks.window import texts
 from stepblocks.window.bench_page import BenchForm
-from stepblocks.window.declaration_check import list_check_rows, read_check
+from stepblocks.window.declaration_check import list_check_rows, read_check_result
 from stepblocks.window.folder import Folder
 from stepblocks.window.jobs import JobList
 from stepblocks.window.session_files import SETTINGS, SessionDraft, unpack_session
-from stepblocks.window.trace_picture import draw_trace
+from stepblocks.window.trace_picture import read_and_draw_trace
 from stepblocks.window.window import Window
 
 DECLARED = """# of the second bench
@@ -105,7 +105,7 @@ def test_what_is_no_archive_too_large_or_there_already_is_refused(tmp_path, monk
 @pytest.mark.parametrize("name", ["a.csv", ".zip", "..zip", "zip", "a\0.zip"])
 def test_a_dropped_file_that_is_no_archive_by_its_name_is_not_taken(name, tmp_path):
     with pytest.raises(PipelineError):
-        BenchForm(Folder(tmp_path), JobList(tmp_path)).name_session(name)
+        BenchForm(Folder(tmp_path), JobList(tmp_path)).choose_session_folder(name)
 
 
 def test_settings_are_changed_where_they_stand_and_comments_stay(tmp_path):
@@ -169,7 +169,7 @@ def test_the_columns_with_numbers_of_the_first_trace_are_offered(tmp_path):
     unpack_session(pack(FILES), tmp_path / "a")
     trace = SessionDraft(tmp_path / "a").find_first_trace()
     assert trace == tmp_path / "a" / "traces" / "0001.csv"
-    picture = draw_trace(trace)
+    picture = read_and_draw_trace(trace)
     assert picture.columns == ("t_s", "fx_n", "fy_n")
     assert picture.image.startswith("data:image/png;base64,iVBOR")
 
@@ -202,11 +202,11 @@ def test_what_the_traces_say_of_the_declaration_is_shown_with_intervals_and_like
 def test_a_check_reads_back_as_it_was_written_and_a_damaged_one_is_one_line(tmp_path):
     path = tmp_path / "check.json"
     path.write_text(format_document({"schema": 1, **convert_to_plain(CHECK)}))
-    assert read_check(path) == CHECK
+    assert read_check_result(path) == CHECK
     for text in ("", "[]", '{"spring": 1}'):
         path.write_text(text)
         with pytest.raises(PipelineError, match="check of a session must be"):
-            read_check(path)
+            read_check_result(path)
 
 
 async def open_checked(folder):

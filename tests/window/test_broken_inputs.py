@@ -21,7 +21,7 @@ from stepblocks.errors import StepblocksError
 from stepblocks.quantities import format_units
 from stepblocks.scans.read import read_scan
 from stepblocks.window.draft import Draft
-from stepblocks.window.scan_picture import draw_scan
+from stepblocks.window.scan_picture import read_and_draw_scan
 from stepblocks.window.session_files import SessionDraft
 from stepblocks.window.window import Window
 
@@ -232,9 +232,9 @@ def test_of_many_dropped_scans_all_are_taken_and_few_are_drawn(tmp_path, monkeyp
 
     def draw(path, *arguments):
         drawn.append(path.name)
-        return draw_scan(path, *arguments)
+        return read_and_draw_scan(path, *arguments)
 
-    monkeypatch.setattr("stepblocks.window.inspect_page.draw_scan", draw)
+    monkeypatch.setattr("stepblocks.window.inspect_page.read_and_draw_scan", draw)
     messages = asyncio.run(drop_many(tmp_path, 30))
     assert len(list((tmp_path / "scans").glob("*.csv"))) == 30
     assert len(drawn) < 10

@@ -16,13 +16,13 @@ from stepblocks.build.manifest import RecordedVerdict, StimulusRecord, write_sea
 from stepblocks.build.run import build_sets, find_changes
 from stepblocks.window import texts
 from stepblocks.window.build_page import (
-    list_archives,
+    list_quotation_archives,
     make_build_command,
     make_order_command,
     make_scenes_command,
 )
 from stepblocks.window.folder import Folder
-from stepblocks.window.verdicts import list_verdicts
+from stepblocks.window.verdicts import list_file_verdicts
 from stepblocks.window.window import Window
 
 DECLARED = """[[step_block]]
@@ -46,7 +46,7 @@ def test_the_verdict_of_each_file_counts_its_measurements_and_names_those_out_of
     record = StimulusRecord("key", "low", "step block", (), (), verdicts, {"low.step": "0"})
     (tmp_path / "set" / "low").mkdir(parents=True)
     write_sealed(tmp_path / "set" / "low" / "record.json", record.as_json())
-    step, mesh = list_verdicts(tmp_path, ["set/low", "set/never-made"])
+    step, mesh = list_file_verdicts(tmp_path, ["set/low", "set/never-made"])
     assert (step.file, step.total, step.failures) == ("low.step", 2, ("FAIL height",))
     assert (mesh.file, mesh.total, mesh.failures) == ("low.stl", 1, ())
 
@@ -75,7 +75,7 @@ def test_a_bundle_is_found_where_the_command_writes_it(tmp_path):
     archive = tmp_path / "out" / "a b" / "a b.quotation.zip"
     archive.parent.mkdir(parents=True)
     archive.touch()
-    found = list_archives(Folder(tmp_path), ["deep/a b.toml", "none.toml"])
+    found = list_quotation_archives(Folder(tmp_path), ["deep/a b.toml", "none.toml"])
     assert found == ["out/a b/a b.quotation.zip"]
 
 
@@ -122,7 +122,7 @@ def test_verdicts_of_an_earlier_build_are_shown_and_those_older_than_their_decla
         ("two/low", texts.MADE_AS_DECLARED),
         ("two/high", texts.MADE_BEFORE),
     }
-    recorded = list_verdicts(tmp_path / "out", ["two/high", "two/low"])
+    recorded = list_file_verdicts(tmp_path / "out", ["two/high", "two/low"])
     assert [(row["part"], row["file"]) for row in rows] == [
         (verdict.part, verdict.file) for verdict in recorded
     ]

@@ -22,13 +22,13 @@ from stepblocks.declaration.set import list_kinds
 from stepblocks.errors import PipelineError, StimulusError
 from stepblocks.predict.kept import KeptPredictions
 from stepblocks.predict.run import predict_set
-from stepblocks.window.draft import Draft, StanzaPlace, find_field, list_fields
-from stepblocks.window.felt import draw_profile, predict_felt
+from stepblocks.window.draft import Draft, StanzaPlace, find_field_of_mistake, list_form_fields
+from stepblocks.window.felt import draw_profile_as_svg, predict_felt
 from stepblocks.window.latest_work import LatestWork
 from stepblocks.window.part_view import make_part_view_in_worker
 from stepblocks.window.saving import hold_for_saving
 from stepblocks.window.session_files import SessionDraft
-from stepblocks.window.size_slider import list_sizes, read_range
+from stepblocks.window.size_slider import list_slidable_sizes, read_size_range
 from stepblocks.window.window import Window
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -47,7 +47,7 @@ def test_a_file_that_is_not_changed_stays_the_same_bytes(path):
     draft = Draft(path)
     assert draft.text == path.read_text(encoding="utf-8")
     for place in draft.list_stanzas():
-        for field in list_fields(place.kind):
+        for field in list_form_fields(place.kind):
             draft.write_field(place, field.path, draft.read_field(place, field.path))
     assert tomllib.loads(draft.text) == tomllib.loads(path.read_text(encoding="utf-8"))
     assert draft.check().stimuli == load_set(path)
@@ -120,7 +120,7 @@ def test_what_is_no_declaration_is_not_saved(tmp_path):
 
 @pytest.mark.parametrize("kind", list_kinds())
 def test_every_kind_has_a_form_with_the_fields_of_its_model(kind):
-    fields = list_fields(kind)
+    fields = list_form_fields(kind)
     model = list_kinds()[kind]
     # what a scan says of a place is worked out: a file that states it is refused
     worked_out = {"station"} if kind == "scanned_margin" else set()
@@ -150,7 +150,7 @@ def test_a_mistake_is_found_at_its_field(path, entry, tmp_path):
     draft = Draft(target)
     draft.write_field(BLOCK, path, entry)
     mistakes = draft.check().mistakes
-    found = [find_field(text, list_fields("step_block")) for _, text in mistakes]
+    found = [find_field_of_mistake(text, list_form_fields("step_block")) for _, text in mistakes]
     assert path in [field.path for field in found if field is not None], mistakes
 
 
@@ -184,7 +184,7 @@ def test_a_block_that_locks_says_so_and_the_drag_in_time_follows_the_formula(tmp
 def test_a_profile_is_drawn_to_one_scale():
     """Of a sharp step the riser is as long, in the scale of its bar, as it is high."""
     part = load_shipped("paper-four").stimuli[1]
-    picture = draw_profile(part)
+    picture = draw_profile_as_svg(part)
     points = picture.split('points="')[1].split('"')[0].split()
     corners = [tuple(map(float, point.split(","))) for point in points]
     riser = max(z for _, z in corners) - min(z for _, z in corners)
@@ -244,7 +244,7 @@ def test_a_name_outside_the_folder_is_not_opened(name, tmp_path):
     "entry", ["", "25 kg", "-5 um", "0 um", '{ values = ["25 kg"] }', "1.2.3 um", "{", "[1]", "7"]
 )
 def test_what_holds_no_length_has_no_slider(entry):
-    assert list_sizes(entry) == []
+    assert list_slidable_sizes(entry) == []
 
 
 @pytest.mark.parametrize(
@@ -257,7 +257,7 @@ def test_what_holds_no_length_has_no_slider(entry):
     ],
 )
 def test_a_slider_changes_one_size_of_an_entry_and_leaves_the_rest_as_typed(entry, name, changed):
-    (size,) = [size for size in list_sizes(entry) if size.place_label == name]
+    (size,) = [size for size in list_slidable_sizes(entry) if size.place_label == name]
     assert size.range.value == 25.0
     assert changed in size.replace_in_entry(entry, 30.0)
     assert len(size.replace_in_entry(entry, 30.0)) == len(entry)
@@ -265,13 +265,13 @@ def test_a_slider_changes_one_size_of_an_entry_and_leaves_the_rest_as_typed(entr
 
 
 def test_an_end_of_a_series_moves_by_whole_distances_of_its_sizes():
-    low, high = list_sizes('{from = "10 um", to = "100 um", step = "10 um"}')
+    low, high = list_slidable_sizes('{from = "10 um", to = "100 um", step = "10 um"}')
     assert (low.range.low, low.range.high, low.range.step) == (10.0, 20.0, 10.0)
     assert (high.range.low, high.range.high, high.range.step) == (20.0, 200.0, 10.0)
 
 
 def test_a_slider_goes_from_a_fifth_to_the_double_in_the_unit_that_was_typed():
-    found = read_range("0.025 mm")
+    found = read_size_range("0.025 mm")
     assert (found.low, found.high, found.unit) == (0.005, 0.05, "mm")
     assert found.format_entry(0.0312345) == "0.03123 mm"
 
@@ -423,10 +423,10 @@ def test_one_size_is_followed_within_a_tenth_of_a_second_and_a_second_by_the_dra
     """By processor time, which another program of the machine does not lengthen."""
     draft = Draft(ROOT / "stimuli" / f"{name}.toml")
     place = next(iter(draft.list_stanzas()))
-    fields = [field for field in list_fields(place.kind) if field.is_required]
+    fields = [field for field in list_form_fields(place.kind) if field.is_required]
     entries = {field.path: draft.read_field(place, field.path) for field in fields}
     path, size = next(
-        (path, size) for path, entry in entries.items() for size in list_sizes(entry)[-1:]
+        (path, size) for path, entry in entries.items() for size in list_slidable_sizes(entry)[-1:]
     )
     kept = {False: KeptPredictions(), True: KeptPredictions()}
     spent = {False: [], True: []}

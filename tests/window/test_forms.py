@@ -207,7 +207,7 @@ def test_an_event_that_no_page_sends_moves_nothing(event, tmp_path):
 
     def build(told):
         axis = TargetAxis(told.append, lambda: None)
-        axis.show(axis_marks)
+        axis.show_marks(axis_marks)
 
     asyncio.run(send())
     assert told == []

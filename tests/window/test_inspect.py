@@ -21,11 +21,11 @@ import stepblocks
 from stepblocks.cli import main
 from stepblocks.errors import MetrologyError, PipelineError
 from stepblocks.window import texts
-from stepblocks.window.batch_form import ListedScan, write_list
+from stepblocks.window.batch_form import ListedScan, write_scan_list
 from stepblocks.window.folder import Folder
 from stepblocks.window.inspect_page import InspectForm, InspectionAnswers
 from stepblocks.window.jobs import JobList
-from stepblocks.window.scan_picture import draw_scan
+from stepblocks.window.scan_picture import read_and_draw_scan
 from stepblocks.window.window import Window
 
 DECLARED = '[[step_block]]\nid = "low"\nheight = "25 um"\n'
@@ -42,8 +42,8 @@ def test_a_scan_without_a_unit_asks_for_it_and_with_it_is_shown(tmp_path):
     path = tmp_path / "scan.csv"
     path.write_text(make_scan("x,z"))
     with pytest.raises(MetrologyError, match="unit"):
-        draw_scan(path, None, None)
-    picture = draw_scan(path, "um", None)
+        read_and_draw_scan(path, None, None)
+    picture = read_and_draw_scan(path, "um", None)
     assert picture.description == (
         "Profile of 1000 points over 1.998 mm, heights from 0 um to 25 um"
     )
@@ -54,7 +54,7 @@ def test_a_map_is_shown_with_its_sides(tmp_path):
     path = tmp_path / "scan.csv"
     rows = [f"{10 * x},{10 * y},{25 * (x > 20)}" for y in range(20) for x in range(40)]
     path.write_text("\n".join(["x_um,y_um,z_um", *rows]) + "\n")
-    text = draw_scan(path, None, None).description
+    text = read_and_draw_scan(path, None, None).description
     assert text.startswith("Map of 40 x 20 points over 400 um x 200 um")
 
 
@@ -68,7 +68,7 @@ def make_two_steps():
 def test_edges_are_named_and_a_click_picks_the_nearest_with_the_part_that_holds_it_alone(tmp_path):
     path = tmp_path / "scan.csv"
     path.write_text(make_two_steps())
-    picture = draw_scan(path, None, None)
+    picture = read_and_draw_scan(path, None, None)
     assert [edge.name for edge in picture.edges] == ["1: +25 µm at 501 µm", "2: +40 µm at 1500 µm"]
     low, high = picture.edges
     assert (low.begin, high.end) == ("", "")
@@ -76,9 +76,9 @@ def test_edges_are_named_and_a_click_picks_the_nearest_with_the_part_that_holds_
     assert 501.0 < float(high.begin.removesuffix(" um")) < 1500.0
     left, right = picture.columns
     middle = 0.5 * (left + right)
-    assert picture.find_edge(middle - 5.0) is low
-    assert picture.find_edge(middle + 5.0) is high
-    assert picture.find_edge(0.0) is low
+    assert picture.find_nearest_edge(middle - 5.0) is low
+    assert picture.find_nearest_edge(middle + 5.0) is high
+    assert picture.find_nearest_edge(0.0) is low
 
 
 def test_the_picked_part_is_what_the_command_evaluates():
@@ -104,17 +104,17 @@ def test_the_python_of_an_inspection_has_every_answer_in_si():
 @pytest.mark.parametrize("name", ["evil.exe", ".csv", ".hidden.csv", "", "..", "a\0.csv"])
 def test_a_dropped_file_that_is_no_scan_is_not_taken(name, tmp_path):
     with pytest.raises(PipelineError):
-        InspectForm(Folder(tmp_path), JobList(tmp_path)).name_upload(name)
+        InspectForm(Folder(tmp_path), JobList(tmp_path)).choose_scan_name(name)
 
 
 @pytest.mark.parametrize("name", ["../../a.csv", "/etc/a.csv", "..\\..\\a.csv", "C:\\x\\a.csv"])
 def test_a_dropped_file_lies_in_the_folder_whatever_it_is_called_and_replaces_none(name, tmp_path):
     page = InspectForm(Folder(tmp_path), JobList(tmp_path))
-    assert page.name_upload(name) == "scans/a.csv"
+    assert page.choose_scan_name(name) == "scans/a.csv"
     (tmp_path / "scans").mkdir()
     (tmp_path / "scans" / "a.csv").touch()
     with pytest.raises(PipelineError, match="there is such a file already"):
-        page.name_upload(name)
+        page.choose_scan_name(name)
 
 
 def test_an_answer_that_begins_like_an_option_stays_the_answer_of_its_question():
@@ -263,12 +263,12 @@ def test_a_list_replaces_no_file_but_an_earlier_list(tmp_path):
     (tmp_path / "scans.csv").write_text("x_um,z_um\n0,1\n")
     scans = [ListedScan("a.csv", "low", "=1+1")]
     with pytest.raises(PipelineError, match="which is kept"):
-        write_list(Folder(tmp_path), "scans.csv", scans)
-    write_list(Folder(tmp_path), "new.csv", scans)
-    write_list(Folder(tmp_path), "new.csv", scans)
+        write_scan_list(Folder(tmp_path), "scans.csv", scans)
+    write_scan_list(Folder(tmp_path), "new.csv", scans)
+    write_scan_list(Folder(tmp_path), "new.csv", scans)
     assert (tmp_path / "new.csv").read_text() == "scan,stimulus,block\na.csv,low,'=1+1\n"
     with pytest.raises(PipelineError, match="must lie in the folder"):
-        write_list(Folder(tmp_path), "../new.csv", scans)
+        write_scan_list(Folder(tmp_path), "../new.csv", scans)
 
 
 async def leave_while_a_scan_is_drawn(folder, monkeypatch):
@@ -281,7 +281,7 @@ async def leave_while_a_scan_is_drawn(folder, monkeypatch):
         is_let.wait(60.0)
         raise PipelineError("not drawn")
 
-    monkeypatch.setattr("stepblocks.window.inspect_page.draw_scan", draw)
+    monkeypatch.setattr("stepblocks.window.inspect_page.read_and_draw_scan", draw)
     monkeypatch.setattr("stepblocks.window.inspect_page.show_mistake", shown.append)
     async with user_simulation(root=Window(folder).build) as user:
         await user.open("/inspect?file=scan.csv")

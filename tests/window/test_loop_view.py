@@ -25,8 +25,8 @@ from stepblocks.window.agreement import (
     HeldOutErrors,
     LoopFinding,
     ModelPart,
-    list_agreements,
-    read_finding,
+    list_trial_agreements,
+    read_loop_finding,
 )
 from stepblocks.window.felt import predict_felt
 from stepblocks.window.folder import Folder
@@ -45,7 +45,7 @@ def lab(tmp_path_factory):
 
 def test_each_trial_stands_over_both_models_where_it_was_measured(lab):
     session, output = lab / "bench" / "b1", lab / "out" / "b1-loop"
-    found = list_agreements(session, output)
+    found = list_trial_agreements(session, output)
     assert [row.trial for row in found] == ["1", "2", "3", "4"]
     assert Figure.ENERGY not in found[1].extended
     for row in found:
@@ -58,7 +58,7 @@ def test_each_trial_stands_over_both_models_where_it_was_measured(lab):
 def test_a_damaged_result_is_one_line(text, tmp_path):
     (tmp_path / "result.json").write_text(text)
     with pytest.raises(PipelineError, match="result of a loop must be"):
-        read_finding(tmp_path)
+        read_loop_finding(tmp_path)
 
 
 @pytest.mark.parametrize("name", ["bench/b1", "-x/a b"])

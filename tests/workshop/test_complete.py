@@ -13,7 +13,7 @@ from oracles.complete import find_missing
 from oracles.shipped import list_shipped_parts
 from stepblocks.artefacts.step.write import write_step_ap242
 from stepblocks.files.tables import write_table
-from stepblocks.parts.on_paper import make_sheet_table
+from stepblocks.parts.on_paper import make_inspection_sheet_table
 from stepblocks.parts.shapes import build_solids
 from stepblocks.workshop.drawing import write_drawing
 
@@ -39,7 +39,7 @@ def written(tmp_path_factory):
             part = STIMULI[identity]
             (drawing,) = write_drawing(folder, part, ("dxf",))
             sheet, step = folder / f"{identity}.csv", folder / f"{identity}.step"
-            write_table(make_sheet_table(part), sheet)
+            write_table(make_inspection_sheet_table(part), sheet)
             write_step_ap242(step, part, build_solids(part))
             found[identity] = part, drawing, step, sheet
         return found[identity]
@@ -52,7 +52,7 @@ def written(tmp_path_factory):
 def test_every_shipped_part_is_complete_on_paper(identity, tmp_path):
     part = STIMULI[identity]
     (drawing,) = write_drawing(tmp_path, part, ("dxf",))
-    write_table(make_sheet_table(part), tmp_path / "sheet.csv")
+    write_table(make_inspection_sheet_table(part), tmp_path / "sheet.csv")
     assert find_missing(part, drawing, None, tmp_path / "sheet.csv") == []
 
 

@@ -15,8 +15,8 @@ from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.on_paper import (
     COLUMNS,
     choose_decimals,
-    format_limits,
-    make_sheet_table,
+    format_size_with_deviations,
+    make_inspection_sheet_table,
 )
 from stepblocks.workshop.drawing import write_drawing
 
@@ -93,10 +93,10 @@ def test_no_text_overlaps_another_or_leaves_the_sheet(drawing):
 
 
 def test_ten_microns_are_never_printed_as_a_hundredth_or_as_nothing():
-    assert format_limits(10e-6, -1e-6, 1e-6) == "0.010 ±0.001"
-    assert format_limits(2.35e-3, -32e-6, 0.0) == "2.350 0/-0.032"
-    assert format_limits(0.0, 0.0, 2e-6) == "0.000 +0.002/0"
-    assert format_limits(-60e-6, -3e-6, 3e-6) == "-0.060 ±0.003"
+    assert format_size_with_deviations(10e-6, -1e-6, 1e-6) == "0.010 ±0.001"
+    assert format_size_with_deviations(2.35e-3, -32e-6, 0.0) == "2.350 0/-0.032"
+    assert format_size_with_deviations(0.0, 0.0, 2e-6) == "0.000 +0.002/0"
+    assert format_size_with_deviations(-60e-6, -3e-6, 3e-6) == "-0.060 ±0.003"
     assert choose_decimals(1.0005e-3) == 4
 
 
@@ -117,7 +117,7 @@ def test_the_inspection_sheet_has_a_line_for_every_characteristic_with_limits_in
     identity, tmp_path
 ):
     path = tmp_path / "sheet.csv"
-    write_table(make_sheet_table(STIMULI[identity]), path)
+    write_table(make_inspection_sheet_table(STIMULI[identity]), path)
     with path.open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     listed = list(STIMULI[identity].characteristics())
@@ -133,5 +133,5 @@ def test_the_inspection_sheet_has_a_line_for_every_characteristic_with_limits_in
 
 def test_a_filled_sheet_carries_values_and_verdicts(tmp_path):
     measured = {"step_height": (10.02e-6, 0.05e-6, "conforms")}
-    write_table(make_sheet_table(STIMULI["step-010"], measured), tmp_path / "sheet.csv")
+    write_table(make_inspection_sheet_table(STIMULI["step-010"], measured), tmp_path / "sheet.csv")
     assert "0.010020,0.000050,conforms" in (tmp_path / "sheet.csv").read_text()

@@ -10,17 +10,17 @@ import pytest
 from oracles.drawn_dimensions import drawn_dimensions
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.parts.conditions import NO_ORDER
-from stepblocks.parts.gauge_pair import choose_pair
+from stepblocks.parts.gauge_pair import require_gauge_pair
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.workshop.drawing import write_gauge_drawing
 from stepblocks.workshop.gauge_reach import (
     Contribution,
     explain_missing_gauge_drawing,
     find_gauge_route,
-    judge_assembly,
+    judge_assembly_characteristics,
 )
-from stepblocks.workshop.gauge_views import format_numbers
-from stepblocks.workshop.routes import Reach, find_routes
+from stepblocks.workshop.gauge_views import format_number_ranges
+from stepblocks.workshop.routes import Reach, list_routes
 from stepblocks.workshop.run import order_parts
 
 STEEL = "gauge-block steel, hardened, 64 HRC"
@@ -29,9 +29,9 @@ PLAIN_BODY = {"length": "28 mm", "width": "40 mm"}
 
 def judge(block):
     """Return what decides about each characteristic of a block, by key."""
-    pair = choose_pair(block.height.nominal)
-    route = find_gauge_route(find_routes(block, 1e-6, PAPER), pair)
-    judged = judge_assembly(block, pair, route)
+    pair = require_gauge_pair(block.height.nominal)
+    route = find_gauge_route(list_routes(block, 1e-6, PAPER), pair)
+    judged = judge_assembly_characteristics(block, pair, route)
     return {item.characteristic.key: item.contribution for item in judged}
 
 
@@ -58,15 +58,15 @@ def test_the_order_of_a_block_of_gauge_block_steel_has_the_drawing(tmp_path):
 @pytest.mark.parametrize("material", ["steel", "silicon", "440C, hardened, 58 HRC", "alloy 7"])
 def test_a_block_of_another_material_is_told_why_it_has_none(material):
     block = StepBlock(id="lapped", height="50 um", material=material)
-    reason = explain_missing_gauge_drawing(block, choose_pair(50e-6))
+    reason = explain_missing_gauge_drawing(block, require_gauge_pair(50e-6))
     assert "gauge-block steel" in reason
     assert reason.endswith(f"got {block.material.order_text}")
 
 
 def test_the_drawing_states_both_lengths_the_step_and_its_uncertainty(tmp_path):
     block = StepBlock(id="wrung", height="50 um", material=STEEL)
-    pair = choose_pair(50e-6)
-    route = find_gauge_route(find_routes(block, 1e-6, PAPER), pair)
+    pair = require_gauge_pair(50e-6)
+    route = find_gauge_route(list_routes(block, 1e-6, PAPER), pair)
     path, *_ = write_gauge_drawing(tmp_path, block, pair, route, NO_ORDER)
     (step,) = drawn_dimensions(path)
     assert (step.key, step.number) == ("step_height", 1)
@@ -106,4 +106,4 @@ def test_a_height_that_no_pair_gives_is_said():
 
 
 def test_numbers_that_follow_one_another_are_written_as_a_range():
-    assert format_numbers([1, 2, 3, 7, 9, 10]) == "1-3, 7, 9-10"
+    assert format_number_ranges([1, 2, 3, 7, 9, 10]) == "1-3, 7, 9-10"

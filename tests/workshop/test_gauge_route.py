@@ -15,10 +15,10 @@ from stepblocks.errors import MachiningError
 from stepblocks.parts.gauge_pair import (
     GRADES,
     STANDARD_SET,
-    choose_pair,
     make_gauge_base,
+    require_gauge_pair,
 )
-from stepblocks.workshop.setup import write_setup
+from stepblocks.workshop.setup import write_setup_sheet_and_stock
 
 STIMULI = Path(__file__).parents[2] / "stimuli"
 BLOCK = load_shipped("paper-ten").step_block[4]
@@ -32,22 +32,22 @@ def test_the_set_is_that_of_112_pieces_up_to_10_mm():
 
 @pytest.mark.parametrize("um", [0.5, 1, 5, 10, 25, 30, 50, 75, 100, 480])
 def test_the_difference_of_the_pair_is_the_step(um):
-    pair = choose_pair(um * 1e-6)
+    pair = require_gauge_pair(um * 1e-6)
     assert pair.upper - pair.lower == pytest.approx(um * 1e-6, abs=1e-12)
     assert pair.lower >= 1e-3
 
 
 def test_what_no_pair_gives_is_refused():
     with pytest.raises(MachiningError, match="difference of two gauge blocks"):
-        choose_pair(10.2e-6)
+        require_gauge_pair(10.2e-6)
     with pytest.raises(MachiningError, match="grade must be"):
-        choose_pair(10e-6, "5")
+        require_gauge_pair(10e-6, "5")
 
 
 @pytest.mark.parametrize("grade", GRADES)
 def test_the_stack_up_holds_every_pair_and_95_percent_lie_within_the_expected(grade):
     random = np.random.default_rng(1)
-    pair = choose_pair(50e-6, grade)
+    pair = require_gauge_pair(50e-6, grade)
     deviation, variation = GRADES[grade].deviation, GRADES[grade].variation
     error = sum(
         random.uniform(-limit, limit, 100_000)
@@ -59,7 +59,7 @@ def test_the_stack_up_holds_every_pair_and_95_percent_lie_within_the_expected(gr
 
 def test_the_assembly_file_conforms_and_its_step_is_the_height(tmp_path):
     path = tmp_path / "a.step"
-    pair = choose_pair(BLOCK.height.nominal)
+    pair = require_gauge_pair(BLOCK.height.nominal)
     write_gauge_assembly(path, BLOCK, pair)
     report = check_step(path, require_ap242=True)
     assert report.passes
@@ -76,8 +76,8 @@ def test_the_assembly_file_conforms_and_its_step_is_the_height(tmp_path):
 
 
 def test_the_setup_sheet_states_the_parts_of_the_assembly_and_its_base(tmp_path):
-    pair = choose_pair(BLOCK.height.nominal)
-    page, _ = write_setup(tmp_path, BLOCK, (), pair)
+    pair = require_gauge_pair(BLOCK.height.nominal)
+    page, _ = write_setup_sheet_and_stock(tmp_path, BLOCK, (), pair)
     text = " ".join(page.read_text().split())  # as it is read
     # base and lower gauge block are together as thick as the body that is asked for
     base = make_gauge_base(BLOCK, pair)
@@ -87,15 +87,17 @@ def test_the_setup_sheet_states_the_parts_of_the_assembly_and_its_base(tmp_path)
     for length in (pair.lower, pair.upper):
         assert f"{length * 1e3:.4f} mm, 30 x 9 mm" in text
     assert f"at worst ±{pair.worst * 1e6:.2f} µm" in text
-    assert "two gauge blocks" not in write_setup(tmp_path, BLOCK)[0].read_text()
+    assert "two gauge blocks" not in write_setup_sheet_and_stock(tmp_path, BLOCK)[0].read_text()
 
 
 def test_a_base_that_the_stock_has_no_room_for_is_said_on_the_setup_sheet(tmp_path):
     # two gauge blocks of 9 mm by 30 mm with 5 mm round them: 28 mm by 40 mm
-    pair = choose_pair(BLOCK.height.nominal)
+    pair = require_gauge_pair(BLOCK.height.nominal)
     for stock, said in (((27e-3, 45e-3, 12e-3), True), ((30e-3, 45e-3, 12e-3), False)):
         block = BLOCK.model_copy(update={"stock": stock})
-        text = " ".join(write_setup(tmp_path, block, (), pair)[0].read_text().split())
+        text = " ".join(
+            write_setup_sheet_and_stock(tmp_path, block, (), pair)[0].read_text().split()
+        )
         assert ("needs a larger stock than the block in one piece" in text) is said
 
 

@@ -14,7 +14,11 @@ from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.kinds.margin import MarginBlock
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.workshop.drawing import write_drawing
-from stepblocks.workshop.inches import convert_inward, format_largest, format_least
+from stepblocks.workshop.inches import (
+    convert_to_inches_inward,
+    format_largest_in_inches,
+    format_least_in_inches,
+)
 
 INCHES = OrderSpec(drawing_units="inch")
 STEP = StepBlock(id="step-050", height={"nominal": "50 um", "tolerance": "1 um"})
@@ -40,7 +44,9 @@ def test_no_limit_widens_and_a_tenth_of_the_tolerance_is_lost_at_most():
         nominal = round(10.0 ** random.uniform(-5.0, -1.5), 7)
         width = max(nominal * 10.0 ** random.uniform(-4.0, -0.5), 50e-9)
         lower, upper = -width * random.uniform(0.1, 1.0), width * random.uniform(0.1, 1.0)
-        low, high = read_inches(convert_inward(nominal, lower, upper).format_limits())
+        low, high = read_inches(
+            convert_to_inches_inward(nominal, lower, upper).format_with_deviations()
+        )
         assert low >= nominal + lower - 1e-13
         assert high <= nominal + upper + 1e-13
         assert high - low >= 0.9 * (upper - lower) - 1e-13
@@ -55,12 +61,12 @@ def test_no_limit_widens_and_a_tenth_of_the_tolerance_is_lost_at_most():
     ],
 )
 def test_a_size_is_written_without_a_zero_before_its_point(sizes, text):
-    assert convert_inward(*sizes).format_limits() == text
+    assert convert_to_inches_inward(*sizes).format_with_deviations() == text
 
 
 def test_a_bound_that_stands_alone_is_rounded_towards_the_part():
-    assert format_largest(2e-6) == ".0000787"  # 78.74 millionths
-    assert format_least(2e-6) == ".0000788"
+    assert format_largest_in_inches(2e-6) == ".0000787"  # 78.74 millionths
+    assert format_least_in_inches(2e-6) == ".0000788"
 
 
 @pytest.mark.parametrize("part", [STEP, MARGIN], ids=["step", "margin"])

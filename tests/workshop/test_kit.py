@@ -19,14 +19,14 @@ from stepblocks.cli import main
 from stepblocks.declaration.read import load_set
 from stepblocks.errors import MachiningError
 from stepblocks.parts.apparatus.component import Component
-from stepblocks.parts.apparatus.flexure import compute_flexure
-from stepblocks.parts.apparatus.layout import list_components, list_stages
-from stepblocks.parts.apparatus.loads import compute_normal_load, compute_pull
+from stepblocks.parts.apparatus.flexure import compute_flexure_figures
+from stepblocks.parts.apparatus.layout import list_assembly_stages, list_components
+from stepblocks.parts.apparatus.loads import compute_normal_load, compute_pulling_load
 from stepblocks.parts.apparatus.solids import make_box_mm
 from stepblocks.parts.kinds.kit_part import KitPart
 from stepblocks.workshop import kit as kit_module
-from stepblocks.workshop.kit import find_kits, write_kit_assembly_files
-from stepblocks.workshop.kit_setup import Side, write_kit_setup
+from stepblocks.workshop.kit import find_complete_kits, write_kit_assembly_files
+from stepblocks.workshop.kit_setup import Side, write_kit_setup_sheet_and_stock
 from stepblocks.workshop.run import order_parts
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -94,7 +94,7 @@ def test_the_table_of_loads_is_the_budget_line_by_line(folder):
     rows = read_table(folder / "drag-rig.loads.csv")
     assert len(rows) == len(KIT.normal_weights) + len(KIT.pulling_weights)
     for row in rows:
-        compute = compute_normal_load if row["axis"] == "normal" else compute_pull
+        compute = compute_normal_load if row["axis"] == "normal" else compute_pulling_load
         load = compute(KIT, 1e-3 * float(row["weight_g"]))
         assert float(row["force_n"]) == pytest.approx(load.force, rel=1e-9)
         lines = ("mass", "gravity", "arm", "balance", "pivot", "pulley", "carriage")
@@ -110,13 +110,13 @@ def test_the_lines_for_a_session_are_what_a_session_reads(folder):
     assert value == 0.0
     assert std == pytest.approx(heaviest.common_std, rel=0.05)  # two digits
     (row, *_) = read_table(folder / "drag-rig.flexure.csv")
-    figures = compute_flexure(KIT, KIT.normal_weights[0])
+    figures = compute_flexure_figures(KIT, KIT.normal_weights[0])
     assert float(row["frequency_hz"]) == pytest.approx(figures.frequency, rel=1e-9)
 
 
 def test_a_picture_of_each_stage_shows_the_numbers_of_what_it_adds(folder):
     first = 1
-    for number, stage in enumerate(list_stages(KIT), start=1):
+    for number, stage in enumerate(list_assembly_stages(KIT), start=1):
         root = ElementTree.parse(folder / f"drag-rig.stage-{number}.svg").getroot()
         comments = (folder / f"drag-rig.stage-{number}.svg").read_text(encoding="utf-8")
         assert root.tag.endswith("svg")
@@ -154,14 +154,14 @@ def test_a_kit_whose_parts_are_in_each_others_way_is_refused_before_anything_is_
 
 
 def test_a_kit_is_ordered_as_a_whole_where_all_its_parts_are_meant():
-    assert find_kits(SET.stimuli) == [KIT]
-    assert find_kits(SET.stimuli[1:]) == []
+    assert find_complete_kits(SET.stimuli) == [KIT]
+    assert find_complete_kits(SET.stimuli[1:]) == []
 
 
 @pytest.mark.parametrize("name", ["carriage", "flexure", "weight-hanger"])
 def test_every_bore_is_made_in_one_setup_and_the_stock_holds_the_part(name, tmp_path):
     part = PARTS[name]
-    page, stock = write_kit_setup(tmp_path, part)
+    page, stock = write_kit_setup_sheet_and_stock(tmp_path, part)
     text = page.read_text(encoding="utf-8")
     for number in range(1, len(part.placed_component.bores) + 1):
         assert len(re.findall(rf"\bB{number}: ", text)) == 1
@@ -188,7 +188,7 @@ def test_the_guide_shows_every_stage_and_quotes_the_budget_and_frequencies_of_th
     page = (ROOT / "docs" / "how-to" / "build-the-apparatus.md").read_text(encoding="utf-8")
     assert FILE.relative_to(ROOT).as_posix() in page
     first = 1
-    for number, stage in enumerate(list_stages(KIT), start=1):
+    for number, stage in enumerate(list_assembly_stages(KIT), start=1):
         name = f"drag-rig.stage-{number}.svg"
         assert f"](../images/{name})" in page
         picture = (ROOT / "docs" / "images" / name).read_text(encoding="utf-8")
@@ -200,7 +200,7 @@ def test_the_guide_shows_every_stage_and_quotes_the_budget_and_frequencies_of_th
         assert f"{line.std * 1e3:.2f} mN" in page, line.source
     assert f"{load.std * 1e3:.2f} mN of 490 mN" in page
     for mass in (0.11, 0.03):
-        assert f"{compute_flexure(KIT, mass).frequency:.0f} Hz" in page
+        assert f"{compute_flexure_figures(KIT, mass).frequency:.0f} Hz" in page
 
 
 @pytest.mark.repeats

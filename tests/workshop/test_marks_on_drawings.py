@@ -7,9 +7,9 @@ import pytest
 
 from oracles.shipped import load_shipped
 from stepblocks.cad.kernel import describe_faces
-from stepblocks.parts.characteristics import find_face
+from stepblocks.parts.characteristics import find_face_index
 from stepblocks.parts.kinds.step_block import StepBlock
-from stepblocks.parts.on_paper import make_sheet_table
+from stepblocks.parts.on_paper import make_inspection_sheet_table
 from stepblocks.workshop.drawing import draw_part_sheet
 
 RELIEVED = StepBlock(id="relieved", height="50 um", relief={"width": "0.3 mm", "depth": "0.1 mm"})
@@ -85,7 +85,7 @@ def test_a_shank_of_no_standard_is_not_said_to_be_one():
 def test_every_roughness_that_a_drawing_asks_for_stands_on_the_sheet():
     for name, identity in (("probe-tips", "tip-125"), ("sheaths", "sheath-hard")):
         part = find_part(name, identity)
-        table = make_sheet_table(part)
+        table = make_inspection_sheet_table(part)
         (line,) = table[table.kind == "roughness"].itertuples()
         (note,) = (text for text in list_texts(part) if "roughness" in text)
         stated = re.fullmatch(rf"{line.number}  roughness Ra, \w+: Ra ([\d,]+) µm .*", note)
@@ -101,7 +101,7 @@ def test_the_height_of_a_lip_over_the_tooth_is_stated():
     (solid,) = lip.solids()
     (size,) = (one for one in lip.characteristics() if one.key == "lip_gap")
     faces = describe_faces(solid)
-    tooth, under_lip = (faces[find_face(faces, rule, lip.id)] for rule in size.faces)
+    tooth, under_lip = (faces[find_face_index(faces, rule, lip.id)] for rule in size.faces)
     assert under_lip.low[2] - tooth.low[2] == pytest.approx(size.nominal, abs=1e-10)
 
 

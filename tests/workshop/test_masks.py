@@ -15,9 +15,9 @@ from stepblocks.cli import main
 from stepblocks.workshop.masks import (
     LEAST_WIDTH,
     MONITORS,
-    find_rule_faults,
     plan_etches,
     write_masks,
+    yield_layout_rule_faults,
 )
 
 pytest.importorskip("gdstk")
@@ -137,13 +137,13 @@ def test_every_etch_has_monitors_of_each_width_and_its_label(masks):
 
 
 def test_the_design_rules_tell_a_slit_and_a_gap_below_the_least_width():
-    assert list(find_rule_faults(shapely.box(0.0, 0.0, LEAST_WIDTH, 500.0))) == []
-    (slit,) = find_rule_faults(shapely.box(0.0, 0.0, 0.9 * LEAST_WIDTH, 500.0))
+    assert list(yield_layout_rule_faults(shapely.box(0.0, 0.0, LEAST_WIDTH, 500.0))) == []
+    (slit,) = yield_layout_rule_faults(shapely.box(0.0, 0.0, 0.9 * LEAST_WIDTH, 500.0))
     assert "what is open must be at least 10 um" in slit
     pair = shapely.union_all(
         [shapely.box(0.0, 0.0, 100.0, 100.0), shapely.box(109.0, 0.0, 200.0, 100.0)]
     )
-    (gap,) = find_rule_faults(pair)
+    (gap,) = yield_layout_rule_faults(pair)
     assert "what is kept" in gap
 
 

@@ -12,7 +12,7 @@ from oracles.shipped import load_shipped
 from stepblocks.cli import main
 from stepblocks.declaration.set import StimulusSet
 from stepblocks.errors import MachiningError, PipelineError, StepblocksError
-from stepblocks.parts.gauge_pair import GRADES, choose_pair
+from stepblocks.parts.gauge_pair import GRADES, require_gauge_pair
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.tips import StraightTip
 from stepblocks.workshop import drawing
@@ -168,6 +168,6 @@ def test_the_step_of_a_pair_is_never_worse_than_its_parts_allow(grade):
     # ISO 3650: twice the limit deviation and twice half the variation; a film of 0.02 um under
     # either block
     limits = GRADES[grade]
-    pair = choose_pair(50e-6, grade)
+    pair = require_gauge_pair(50e-6, grade)
     assert pair.worst == pytest.approx(2.0 * limits.deviation + limits.variation + 0.04e-6)
     assert pair.expected <= pair.worst

@@ -15,11 +15,11 @@ from stepblocks.parts.declared import Sourced
 from stepblocks.parts.gauge_pair import GRADES
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.material import Family
-from stepblocks.workshop.routes import Reach, find_routes, load_processes
+from stepblocks.workshop.routes import Reach, list_routes, load_processes
 
 STIMULI = Path(__file__).parents[2] / "stimuli"
 BLOCK = load_shipped("paper-ten").step_block[4]
-ROUTES = {route.name: route for route in find_routes(BLOCK, 2e-6, PAPER)}
+ROUTES = {route.name: route for route in list_routes(BLOCK, 2e-6, PAPER)}
 
 
 def test_routes_say_which_reaches_the_tolerance():
@@ -29,7 +29,7 @@ def test_routes_say_which_reaches_the_tolerance():
     assert ROUTES["gauge blocks, grade 2"].deviation == pytest.approx(1.24e-6)
     assert len(ROUTES) == len(load_processes()) - 1 + len(GRADES)
     with pytest.raises(MachiningError, match="capability"):
-        find_routes(BLOCK, 0.0, PAPER)
+        list_routes(BLOCK, 0.0, PAPER)
 
 
 def test_a_route_reaches_a_part_only_with_every_characteristic_in_its_material():
@@ -45,7 +45,7 @@ def test_a_route_reaches_a_part_only_with_every_characteristic_in_its_material()
         assert missed in ROUTES[name].missed
         assert ROUTES[name].reach is Reach.NO
     # a workshop that holds 0.5 um: no figure says what lapping leaves of flatness and riser
-    lapped = next(one for one in find_routes(BLOCK, 0.5e-6, PAPER) if one.name == "one piece")
+    lapped = next(one for one in list_routes(BLOCK, 0.5e-6, PAPER) if one.name == "one piece")
     assert lapped.missed == ()
     assert lapped.reach is Reach.UNKNOWN
     assert "flatness, upper face" in lapped.unknown
@@ -53,7 +53,7 @@ def test_a_route_reaches_a_part_only_with_every_characteristic_in_its_material()
 
 def test_no_route_reaches_where_the_chance_to_conform_is_nothing():
     for capability in (0.1e-6, 2e-6):
-        for route in find_routes(BLOCK, capability, PAPER):
+        for route in list_routes(BLOCK, capability, PAPER):
             assert route.reach is not Reach.YES or route.conforming > 0.5
 
 
@@ -127,7 +127,7 @@ def test_the_share_that_conforms_is_that_of_draws(name):
 def test_a_better_workshop_narrows_the_interval_and_more_blocks_conform():
     def one_piece(capability):
         return next(
-            route for route in find_routes(BLOCK, capability, PAPER) if route.name == "one piece"
+            route for route in list_routes(BLOCK, capability, PAPER) if route.name == "one piece"
         )
 
     fine, coarse = one_piece(0.5e-6), one_piece(2e-6)
@@ -140,7 +140,7 @@ def test_a_better_workshop_narrows_the_interval_and_more_blocks_conform():
 
 
 def test_routes_whose_cost_class_is_published_come_first_the_cheaper_before():
-    costs = [route.process.cost for route in find_routes(BLOCK, 2e-6, PAPER)]
+    costs = [route.process.cost for route in list_routes(BLOCK, 2e-6, PAPER)]
     known = [cost.value for cost in costs if cost]
     assert known == sorted(known)
     assert not any(costs[len(known) :])
@@ -173,8 +173,8 @@ def test_a_route_reaches_both_steps_or_says_what_it_misses_of_the_second():
     tight = {"height": {"nominal": "30 um", "tolerance": "0.1 um"}, "distance": "5 mm"}
     two = StepBlock(id="two", height="50 um", second_step=tight)
     single = StepBlock(id="one", height="50 um", metrology="none")
-    of_single = {route.name: route for route in find_routes(single, 0.5e-6, PAPER)}
-    for route in find_routes(two, 0.5e-6, PAPER):
+    of_single = {route.name: route for route in list_routes(single, 0.5e-6, PAPER)}
+    for route in list_routes(two, 0.5e-6, PAPER):
         if "gauge" in route.name:
             assert "second step" in route.missed
             assert route.conforming == 0.0

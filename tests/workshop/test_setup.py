@@ -9,8 +9,8 @@ from oracles.shipped import load_shipped
 from stepblocks.artefacts.step.check_step import check_step
 from stepblocks.cad import kernel
 from stepblocks.parts.shapes import build_solids
-from stepblocks.parts.stock import STOCK, compute_stock
-from stepblocks.workshop.setup import PROBE, write_setup
+from stepblocks.parts.stock import STOCK, compute_stock_corners
+from stepblocks.workshop.setup import PROBE, write_setup_sheet_and_stock
 
 STEP = load_shipped("paper-ten").step_block[4]
 MARGIN = load_shipped("crown-margins").margin_block[0]
@@ -18,10 +18,10 @@ MARGIN = load_shipped("crown-margins").margin_block[0]
 
 @pytest.mark.parametrize("block", [STEP, MARGIN], ids=lambda block: block.id)
 def test_the_stock_holds_the_part_with_its_allowance_on_every_face(block, tmp_path):
-    _, stock = write_setup(tmp_path, block)
+    _, stock = write_setup_sheet_and_stock(tmp_path, block)
     assert check_step(stock, require_ap242=True).passes
     (body,) = kernel.read_step(stock)
-    low, high = compute_stock(block)
+    low, high = compute_stock_corners(block)
     ((_, part),) = build_solids(block)
     around = kernel.describe_faces(part)
     for axis in range(3):
@@ -36,7 +36,7 @@ def cells(page):
 
 
 def test_what_the_machine_cannot_prove_is_measured_off_it(tmp_path):
-    page, _ = write_setup(tmp_path, STEP)
+    page, _ = write_setup_sheet_and_stock(tmp_path, STEP)
     rows = {row[1]: row for row in cells(page) if len(row) == 6}
     assert len(rows) == len(list(STEP.characteristics()))
     # 20 +-0.2 mm less a guard band of 1.65 x 2.5 um on either side (ISO 14253-1)
@@ -48,7 +48,7 @@ def test_what_the_machine_cannot_prove_is_measured_off_it(tmp_path):
 
 
 def test_the_sheet_says_that_a_step_is_lapped_or_wrung_and_how_the_burr_is_checked(tmp_path):
-    page, _ = write_setup(tmp_path, load_shipped("paper-ten").step_block[0])
+    page, _ = write_setup_sheet_and_stock(tmp_path, load_shipped("paper-ten").step_block[0])
     text = page.read_text()
     assert "A step of 10 µm is lapped or wrung, not milled." in text
     assert "Burr check" in text
@@ -59,7 +59,7 @@ def test_the_sheet_says_that_a_step_is_lapped_or_wrung_and_how_the_burr_is_check
 
 def test_level_faces_have_no_step_to_lap_and_a_gap_is_cut_last(tmp_path):
     level = next(one for one in load_shipped("crown-margins").margin_block if one.rise == 0.0)
-    text = write_setup(tmp_path, level)[0].read_text()
+    text = write_setup_sheet_and_stock(tmp_path, level)[0].read_text()
     assert "The working faces lie level" in text
     assert "Cut the gap last" in text
     assert "A step of" not in text

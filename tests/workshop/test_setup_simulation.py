@@ -28,7 +28,7 @@ from stepblocks.cad import kernel
 from stepblocks.errors import UsageError
 from stepblocks.parts.kinds.margin import MarginBlock
 from stepblocks.parts.kinds.step_block import StepBlock
-from stepblocks.workshop.setup import write_setup
+from stepblocks.workshop.setup import write_setup_sheet_and_stock
 
 ROUNDING = 2e-9  # of the kernel's boxes [m]
 NOTHING = 1e-15  # volume below which a solid is empty [m^3]: a cube of 10 um
@@ -180,7 +180,7 @@ def test_a_block_made_by_its_sheet_is_the_drawn_one(name, tmp_path):
     block = BLOCKS[name]
     if name != QUICK[0]:
         block = leave_out(block, "engraving")
-    page, _ = write_setup(tmp_path, block)
+    page, _ = write_setup_sheet_and_stock(tmp_path, block)
     sheet = read_setup_sheet(page)
     assert sheet.unproven == ()
     assert {"hole_depth", "edge_break", "thickness"} <= check_corners(block, sheet)
@@ -191,7 +191,7 @@ def test_a_block_made_by_its_sheet_is_the_drawn_one(name, tmp_path):
 @pytest.mark.parametrize("name", QUICK[:2])
 def test_holes_and_edge_breaks_of_a_solid_at_the_corners_stay_within_the_drawing(name, tmp_path):
     block = leave_out(BLOCKS[name], "metrology")
-    page, _ = write_setup(tmp_path, block)
+    page, _ = write_setup_sheet_and_stock(tmp_path, block)
     sheet = read_setup_sheet(page)
     depth = block.body.mounting.depth
     for index in (0, 1):
@@ -219,7 +219,7 @@ def test_a_relief_is_cut_by_the_sheet_as_it_is_drawn(tmp_path):
         body={"engraving": "none", "mounting": "none"},
         metrology="none",
     )
-    page, _ = write_setup(tmp_path, block)
+    page, _ = write_setup_sheet_and_stock(tmp_path, block)
     sheet = read_setup_sheet(page)
     assert sheet.relief == pytest.approx((0.3e-3, 0.1e-3))
     check_corners(block, sheet)
@@ -237,7 +237,7 @@ def test_both_steps_are_lapped_by_the_sheet_as_they_are_drawn(direction, tmp_pat
         second_step={"height": "30 um", "distance": "5 mm", "direction": direction},
         body={"engraving": "none"},
     )
-    page, _ = write_setup(tmp_path, block)
+    page, _ = write_setup_sheet_and_stock(tmp_path, block)
     sheet = read_setup_sheet(page)
     assert sheet.unproven == ()
     assert {LEFT_OF_FIRST, BETWEEN, RIGHT_OF_SECOND} <= set(sheet.accepted)
@@ -249,14 +249,16 @@ def test_both_steps_are_lapped_by_the_sheet_as_they_are_drawn(direction, tmp_pat
 
 def test_a_depth_that_no_setup_can_hold_is_said_and_has_no_limits(tmp_path):
     body = {"mounting": {"depth": {"nominal": "5 mm", "tolerance": "0.005 mm"}}}
-    page, _ = write_setup(tmp_path, StepBlock(id="tight", height="50 um", body=body))
+    page, _ = write_setup_sheet_and_stock(
+        tmp_path, StepBlock(id="tight", height="50 um", body=body)
+    )
     assert read_setup_sheet(page).unproven == (DEPTH,)
     assert "no limits to work to for: depth of the core holes" in " ".join(page.read_text().split())
 
 
 def test_faces_that_the_stock_leaves_no_cut_for_are_not_said_to_be_milled(tmp_path):
     block = StepBlock(id="tight", height="50 um", stock=["20 mm", "24 mm", "8.05 mm"])
-    page, _ = write_setup(tmp_path, block)
+    page, _ = write_setup_sheet_and_stock(tmp_path, block)
     sheet = read_setup_sheet(page)
     assert (sheet.left_on_base, sheet.left_on_top) == (0.0, 0.0)
     check_corners(block, sheet)
@@ -270,7 +272,7 @@ def test_every_shipped_block_made_by_its_sheet_is_the_drawn_one(name, tmp_path):
     block = BLOCKS[name]
     if name not in ("step-100", "gap-100"):
         block = leave_out(block, "engraving")
-    page, _ = write_setup(tmp_path, block)
+    page, _ = write_setup_sheet_and_stock(tmp_path, block)
     sheet = read_setup_sheet(page)
     assert sheet.unproven == ()
     check_corners(block, sheet)
@@ -281,7 +283,7 @@ def test_every_shipped_block_made_by_its_sheet_is_the_drawn_one(name, tmp_path):
 @pytest.mark.parametrize("seed", range(60))
 def test_blocks_drawn_at_random_with_any_body_and_stock_are_made_as_drawn(seed, tmp_path):
     block = draw_block(seed)
-    page, _ = write_setup(tmp_path, block)
+    page, _ = write_setup_sheet_and_stock(tmp_path, block)
     sheet = read_setup_sheet(page)
     check_corners(block, sheet)
     needed = {LEG, LEFT, RIGHT, LEFT_OF_FIRST, BETWEEN, RIGHT_OF_SECOND, GROUND, FLOOR}

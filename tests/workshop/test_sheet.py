@@ -7,7 +7,7 @@ import pytest
 
 from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.revolution import list_outline_points
-from stepblocks.workshop.paper import HEIGHT, WIDTH, View, choose_scale
+from stepblocks.workshop.paper import HEIGHT, WIDTH, View, choose_standard_scale
 from stepblocks.workshop.sheet import Note, Sheet
 from stepblocks.workshop.title_block import draw_border
 
@@ -36,8 +36,8 @@ def dimensions(sheet):
 )
 def test_scales_are_those_that_a_drawing_uses_and_never_too_large(wanted, scale):
     # ISO 5455: 1, 2, 5 times powers of ten
-    assert choose_scale(wanted) == pytest.approx(scale, rel=1e-12)
-    assert choose_scale(wanted) <= wanted * (1.0 + 1e-9)
+    assert choose_standard_scale(wanted) == pytest.approx(scale, rel=1e-12)
+    assert choose_standard_scale(wanted) <= wanted * (1.0 + 1e-9)
 
 
 def test_a_view_stretches_heights_alone_where_it_says_so():
@@ -96,7 +96,7 @@ def test_a_diameter_says_so_with_unequal_deviations(sheet):
 def test_a_leader_stands_on_the_side_away_from_its_tip_with_the_limits_in_its_text(
     elbow, side, sheet
 ):
-    sheet.lead_to_characteristic("step", (100.0, 50.0), elbow, "R {} of the step")
+    sheet.draw_characteristic_leader("step", (100.0, 50.0), elbow, "R {} of the step")
     said, number = texts(sheet)
     assert said == "R 0,010 ±0,001 of the step"
     assert number == "1"
@@ -154,7 +154,7 @@ def test_notes_go_down_line_by_line(sheet):
 
 def test_the_symbol_of_a_surface_stands_on_it_with_its_roughness_in_micrometres():
     rough = Sheet([Characteristic("rough", "roughness", "roughness", 0.0, 0.0, 0.1e-6)])
-    rough.draw_texture((50.0, 40.0), "rough")
+    rough.draw_surface_texture((50.0, 40.0), "rough")
     assert texts(rough) == ["Ra 0,1", "1"]
     lowest = min(y for line in rough.space.query("LWPOLYLINE") for _, y in line.get_points("xy"))
     assert lowest == 40.0

@@ -67,7 +67,8 @@ def compute_curves(stimuli: StimulusSet) -> Curves | None:
     heights = np.array([block.height.nominal for block in blocks])
     plot = _Plot(heights, grid.tip_radii[0], max(grid.normal_loads), grid.as_tool())
     frictions = [
-        grid.make_first_point(friction=stated).friction for stated in grid.frictions_or_law
+        grid.make_first_operating_point(friction=stated).friction
+        for stated in grid.frictions_or_law
     ]
     limit, largest_force = plot.tool.limits.first
     return Curves(

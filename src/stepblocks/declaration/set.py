@@ -316,7 +316,7 @@ def choose_operating_point(
     fields: dict[str, Any] = {"tool": tool, "tissue": part.tissue(tool), **overrides}
     if part.ball is not None:
         fields["ball_radius"] = part.ball.nominal
-    return conditions.make_first_point(**fields)
+    return conditions.make_first_operating_point(**fields)
 
 
 def make_file_model() -> type[Table]:

@@ -11,7 +11,7 @@ from stepblocks.inspect.conformity import Outcome
 from stepblocks.inspect.drawing import draw_scan
 from stepblocks.inspect.result import InspectionResult
 from stepblocks.parts.kind import Part
-from stepblocks.parts.on_paper import make_sheet_table
+from stepblocks.parts.on_paper import make_inspection_sheet_table
 from stepblocks.records.as_built import AsBuilt, AsBuiltValue, write_as_built
 from stepblocks.records.certificate import write_certificate
 from stepblocks.records.inspection import InspectionRecord
@@ -110,7 +110,7 @@ def _write_sheet_qif_and_certificates(
     """Write the filled sheet, the results in QIF and both forms of the certificate."""
     filled = _collect_sheet_values(result)
     sheet = place.build_path("inspection-sheet.csv")
-    write_table(make_sheet_table(part, filled), sheet)
+    write_table(make_inspection_sheet_table(part, filled), sheet)
     qif = place.build_path("qif")
     write_qif(qif, part, result.order, filled, result.is_complete)
     certificates = write_certificate(

@@ -42,7 +42,7 @@ from stepblocks.inspect.working_edge.roughness import add_roughness
 from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.conditions import NO_ORDER, OrderSpec, PredictionGrid
 from stepblocks.parts.kind import Part
-from stepblocks.parts.kinds.step_block import find_second_step
+from stepblocks.parts.kinds.step_block import get_second_step
 from stepblocks.scans.read import Scan, load_scan
 from stepblocks.scans.scan import HeightMap, ScannedProfile
 
@@ -193,7 +193,7 @@ def _evaluate_part(
     options: EvaluationOptions,
 ) -> Evaluation:
     """Evaluate a scan of a part; of a block with two steps at the edges that it shows."""
-    second = find_second_step(asked.part)
+    second = get_second_step(asked.part)
     if second is None:
         options = replace(options, layout=build_declared_layout(asked.characteristics))
         return evaluate_scan(main.key, scan, instrument, main, options, _OF_ONE_STEP)
@@ -212,7 +212,7 @@ def _refuse_feature_of_other_parts(asked: _AskedPart, scanned: ScannedFeature) -
     """Refuse a feature that a part does not have: a second edge, or a groove beside one."""
     features: Collection[ScannedFeature] = _OF_ONE_STEP
     whose = "a part with one working edge"
-    if find_second_step(asked.part) is not None:
+    if get_second_step(asked.part) is not None:
         features = _WANTED_EDGES
         whose = "a block with two steps"
     if scanned not in features:

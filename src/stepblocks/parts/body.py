@@ -17,10 +17,10 @@ from stepblocks.parts.characteristics import (
     EdgeRule,
     FaceRule,
     Rule,
-    describe_plane,
     make_characteristic,
     make_edge_break_characteristic,
     make_location_characteristic,
+    make_plane_rule,
 )
 from stepblocks.parts.declared import (
     QuantityValidator,
@@ -32,7 +32,7 @@ from stepblocks.parts.declared import (
     make_rules_validator,
     read_none_as_absent,
 )
-from stepblocks.parts.face_characteristics import make_surface_characteristics
+from stepblocks.parts.face_characteristics import make_roughness_and_base_characteristics
 from stepblocks.parts.kind import Part
 from stepblocks.parts.lettering import compute_text_width, outline_centred_text
 from stepblocks.parts.revolution import Point3
@@ -40,8 +40,8 @@ from stepblocks.parts.tolerance import (
     Dimension,
     Length,
     PositiveLength,
-    find_origin,
-    parse_plausible,
+    find_declared_origin,
+    parse_plausible_quantity,
 )
 
 
@@ -71,10 +71,10 @@ _LARGEST_LETTERS = 0.6  # of the height of the front, at most
 
 def _read_offset(raw: object, info: ValidationInfo) -> float:
     """Read a length of either sign [m]."""
-    return parse_plausible(raw, "length", find_origin(info))
+    return parse_plausible_quantity(raw, "length", find_declared_origin(info))
 
 
-def _require_printable(text: str) -> str:
+def _require_engravable_text(text: str) -> str:
     """Refuse what not every typeface and CAM program can engrave."""
     is_printable = text.isascii() and text.isprintable()
     if not is_printable or text != text.strip():
@@ -82,7 +82,7 @@ def _require_printable(text: str) -> str:
     return text
 
 
-EngravedText = Annotated[str, Field(max_length=40), AfterValidator(_require_printable)]
+EngravedText = Annotated[str, Field(max_length=40), AfterValidator(_require_engravable_text)]
 # along x and z
 Offset = Annotated[
     tuple[Annotated[float, QuantityValidator(_read_offset, dimension="length")], ...],
@@ -157,7 +157,7 @@ class Engraving(Table):
         """Choose what is engraved in a block of this identity."""
         return self.text or identity.upper()
 
-    def describe_place(self) -> str:
+    def describe_position(self) -> str:
         """Say where the middle of the letters lies on the front."""
         along, up = self.offset
         parts = []
@@ -214,7 +214,7 @@ class Body(Table):
         return -self.thickness.nominal
 
     @make_rules_validator
-    def _check_fit(self) -> Iterator[str]:
+    def _yield_fit_breaches(self) -> Iterator[str]:
         """Yield what keeps edge breaks, engraving and holes from fitting the block."""
         width = self.width.nominal
         chamfer = self.edge_break.nominal
@@ -231,10 +231,10 @@ class Body(Table):
         if self.mounting is not None:
             yield from self._yield_hole_breaches(self.mounting)
 
-    def _yield_hole_breaches(self, holes: Mounting) -> Iterator[str]:
+    def _yield_hole_breaches(self, mounting: Mounting) -> Iterator[str]:
         """Yield what keeps the holes from fitting the base."""
-        spacing = holes.spacing.nominal
-        entry = holes.entry_diameter
+        spacing = mounting.spacing.nominal
+        entry = mounting.entry_diameter
         room = self.length.nominal - 2.0 * self.edge_break.nominal
         if spacing + entry >= room:
             rule = "leave the holes inside the base"
@@ -242,9 +242,9 @@ class Body(Table):
         if entry >= spacing:
             yield describe_breach("mounting.spacing", "exceed the hole", entry, spacing)
         point = 0.0
-        if holes.kind == "tapped":
-            point = 0.5 * holes.hole_diameter / math.tan(0.5 * DRILL_POINT)
-        depth = holes.depth.nominal
+        if mounting.kind == "tapped":
+            point = 0.5 * mounting.hole_diameter / math.tan(0.5 * DRILL_POINT)
+        depth = mounting.depth.nominal
         deepest = self.thickness.nominal - point
         if depth >= deepest:
             rule = "leave a floor over the drill point"
@@ -305,19 +305,19 @@ class Block(Part):
         return self.first_rise
 
     @property
-    def highest(self) -> float:
+    def highest_face(self) -> float:
         """Height of the highest working face over the left one [m]."""
         return max(self.rise, 0.0)
 
     @property
-    def sides(self) -> Point3:
+    def overall_sizes(self) -> Point3:
         """Sizes along x, y and z [m]."""
         body = self.body
-        height = body.thickness.nominal + self.highest
+        height = body.thickness.nominal + self.highest_face
         return body.length.nominal, body.width.nominal, height
 
     @abstractmethod
-    def top(self, x: float) -> float:
+    def compute_surface_height(self, x: float) -> float:
         """Compute the height of the surface at a position across the edge [m].
 
         It is worked out apart from the counterface, to check by.
@@ -380,60 +380,65 @@ class Block(Part):
         return cad.kernel.make_prism(outline, self.body.width.nominal)
 
     def yield_body_characteristics(
-        self, lower: FaceRule, upper: FaceRule, edge: Rule | None
+        self, lower_face: FaceRule, upper_face: FaceRule, edge_wall: Rule | None
     ) -> Iterator[Characteristic]:
         """Yield the characteristics of the body.
 
-        `lower` and `upper` are the working faces, `edge` is the wall of the edge, if there is
-        one.
+        `lower_face` and `upper_face` are the working faces, `edge_wall` is the wall of the edge, if
+        there is one.
         """
         mounting = self.body.mounting
         half_length = self.body.half_length
-        left = describe_plane(0, -half_length)
-        base = describe_plane(2, self.body.base)
-        yield from self._yield_side_characteristics(lower)
+        left = make_plane_rule(0, -half_length)
+        base = make_plane_rule(2, self.body.base)
+        yield from self._yield_size_characteristics(lower_face)
         if mounting is not None:
-            holes = (self._make_hole_rule(mounting, -0.5), self._make_hole_rule(mounting, 0.5))
+            holes = (
+                self._make_hole_wall_rule(mounting, -0.5),
+                self._make_hole_wall_rule(mounting, 0.5),
+            )
             yield make_characteristic(
                 "hole_spacing", "distance", mounting.spacing, *holes, method=MACHINE
             )
-        yield self._state_edge_break()
+        yield self._make_edge_break_characteristic()
         yield from self._yield_engraving_characteristics()
         if mounting is not None:
-            yield from self._yield_hole_characteristics(mounting, lower)
-        if edge is not None:
+            yield from self._yield_hole_characteristics(mounting, lower_face)
+        if edge_wall is not None:
             label = "working edge from the left side"
-            yield make_location_characteristic("edge_position", label, half_length, left, edge)
-        yield from make_surface_characteristics(self.face_demands, lower, upper, base)
+            yield make_location_characteristic("edge_position", label, half_length, left, edge_wall)
+        yield from make_roughness_and_base_characteristics(
+            self.face_demands, lower_face, upper_face, base
+        )
         if mounting is not None and mounting.kind == "tapped":
-            yield self._state_thread(mounting)
+            yield self._make_thread_characteristic(mounting)
 
-    def _yield_side_characteristics(self, lower: FaceRule) -> Iterator[Characteristic]:
-        """Yield length, width and thickness; `lower` is the lower working face."""
+    def _yield_size_characteristics(self, lower_face: FaceRule) -> Iterator[Characteristic]:
+        """Yield length, width and thickness; `lower_face` is the lower working face."""
         body = self.body
-        left = describe_plane(0, -body.half_length)
-        right = describe_plane(0, body.half_length)
+        left = make_plane_rule(0, -body.half_length)
+        right = make_plane_rule(0, body.half_length)
         yield make_characteristic("length", "distance", body.length, left, right)
-        front = describe_plane(1, -body.half_width)
-        back = describe_plane(1, body.half_width)
+        front = make_plane_rule(1, -body.half_width)
+        back = make_plane_rule(1, body.half_width)
         yield make_characteristic("width", "distance", body.width, front, back)
-        base = describe_plane(2, body.base)
-        yield make_characteristic("thickness", "distance", body.thickness, base, lower)
+        base = make_plane_rule(2, body.base)
+        yield make_characteristic("thickness", "distance", body.thickness, base, lower_face)
 
-    def _make_hole_rule(self, mounting: Mounting, side: float) -> FaceRule:
-        """Make the rule of the wall of the left hole (`side` -0.5) or the right one (0.5)."""
-        x = side * mounting.spacing.nominal
+    def _make_hole_wall_rule(self, mounting: Mounting, half_side: float) -> FaceRule:
+        """Make the rule of the wall of the left hole (`half_side` -0.5) or the right one (0.5)."""
+        x = half_side * mounting.spacing.nominal
         return FaceRule("CYLINDER", radius=0.5 * mounting.hole_diameter, holds={0: x})
 
-    def _state_edge_break(self) -> Characteristic:
+    def _make_edge_break_characteristic(self) -> Characteristic:
         """State the edge break of all edges alike, measured at that of the base on the right."""
         body = self.body
         chamfer = body.edge_break.nominal
         middle = {0: body.half_length - 0.5 * chamfer, 1: 0.0, 2: body.base + 0.5 * chamfer}
         slope = FaceRule("SLOPE", holds=middle)
-        right = describe_plane(0, body.half_length)
+        right = make_plane_rule(0, body.half_length)
         return make_edge_break_characteristic(
-            body.edge_break, right, EdgeRule(slope, describe_plane(2, body.base))
+            body.edge_break, right, EdgeRule(slope, make_plane_rule(2, body.base))
         )
 
     def _yield_engraving_characteristics(self) -> Iterator[Characteristic]:
@@ -442,12 +447,12 @@ class Block(Part):
         if engraving is None:
             return
         front = -self.body.half_width
-        floor = describe_plane(1, front + engraving.depth.nominal)
+        floor = make_plane_rule(1, front + engraving.depth.nominal)
         yield make_characteristic(
             "engraving_depth",
             "distance",
             engraving.depth,
-            describe_plane(1, front),
+            make_plane_rule(1, front),
             floor,
             method="microscope, focus",
         )
@@ -455,17 +460,17 @@ class Block(Part):
             "engraving_height",
             "note",
             engraving.height,
-            label=f"height of the engraved letters, {engraving.describe_place()}",
+            label=f"height of the engraved letters, {engraving.describe_position()}",
             method=MICROSCOPE,
         )
 
     def _yield_hole_characteristics(
-        self, mounting: Mounting, lower: FaceRule
+        self, mounting: Mounting, lower_face: FaceRule
     ) -> Iterator[Characteristic]:
         """Yield depth and place of the fixing holes, measured at the left one."""
         half_length = self.body.half_length
         half_width = self.body.half_width
-        hole = self._make_hole_rule(mounting, -0.5)
+        hole = self._make_hole_wall_rule(mounting, -0.5)
         hole_x = -0.5 * mounting.spacing.nominal
         ends: tuple[Rule, Rule]
         if mounting.kind == "tapped":
@@ -474,28 +479,30 @@ class Block(Part):
         else:
             label = "depth of the counterbores"
             wall_x = hole_x + 0.5 * mounting.hole_diameter
-            ends = (lower, describe_plane(2, -mounting.depth.nominal, x=wall_x))
+            ends = (lower_face, make_plane_rule(2, -mounting.depth.nominal, x=wall_x))
         yield make_characteristic(
             "hole_depth", "distance", mounting.depth, *ends, label=label, method=DEPTH_GAUGE
         )
-        left = describe_plane(0, -half_length)
+        left = make_plane_rule(0, -half_length)
         label = "left hole from the left side"
         yield make_location_characteristic("hole_position", label, half_length + hole_x, left, hole)
-        front = describe_plane(1, -half_width)
+        front = make_plane_rule(1, -half_width)
         yield make_location_characteristic(
             "hole_row", "holes from the front", half_width, front, hole
         )
 
-    def _make_core_hole_end_rules(self, mounting: Mounting, hole: FaceRule) -> tuple[Rule, Rule]:
+    def _make_core_hole_end_rules(
+        self, mounting: Mounting, hole_wall: FaceRule
+    ) -> tuple[Rule, Rule]:
         """Make rules of both ends of a core hole: the base, and where the drill's point begins."""
         base = self.body.base
         hole_x = -0.5 * mounting.spacing.nominal
         radius = 0.5 * mounting.hole_diameter
         in_point = base + mounting.depth.nominal + 0.2 * radius
         point = FaceRule("CONE", holds={0: hole_x, 2: in_point})
-        return describe_plane(2, base), EdgeRule(hole, point)
+        return make_plane_rule(2, base), EdgeRule(hole_wall, point)
 
-    def _state_thread(self, mounting: Mounting) -> Characteristic:
+    def _make_thread_characteristic(self, mounting: Mounting) -> Characteristic:
         """State the thread and its least full depth."""
         thread_depth = mounting.thread_depth
         return Characteristic(
@@ -508,10 +515,10 @@ class Block(Part):
             method="thread plug gauge 6H, go and no-go",
         )
 
-    def check_engraving_and_stock(self) -> Iterator[str]:
+    def yield_engraving_and_stock_breaches(self) -> Iterator[str]:
         """Yield what keeps the identity from fitting the front, and the block its stock."""
         if self.stock is not None:
-            for axis, size, side in zip("xyz", self.stock, self.sides, strict=True):
+            for axis, size, side in zip("xyz", self.stock, self.overall_sizes, strict=True):
                 if size < side:
                     yield describe_breach(f"stock along {axis}", "hold the block", side, size)
         if self.body.engraving is not None:

@@ -22,7 +22,9 @@ class WorkingFace(NamedTuple):
     height: float  # over the lower working face [m]
 
 
-def make_body_cuts(body: Body, identity: str, faces: Sequence[WorkingFace]) -> list[cad.door.Body]:
+def make_body_cuts(
+    body: Body, identity: str, right_faces: Sequence[WorkingFace]
+) -> list[cad.door.Body]:
     """Make the bodies to cut from a block: edge breaks along x and z, holes, engraving.
 
     Parameters
@@ -31,7 +33,7 @@ def make_body_cuts(body: Body, identity: str, faces: Sequence[WorkingFace]) -> l
         The block without its stimulus.
     identity : str
         Of the block, which is engraved where no other text is declared.
-    faces : sequence of WorkingFace
+    right_faces : sequence of WorkingFace
         Those right of the lower working face, from left to right.
 
     Returns
@@ -41,13 +43,13 @@ def make_body_cuts(body: Body, identity: str, faces: Sequence[WorkingFace]) -> l
     """
     cuts: list[cad.door.Body] = []
     if body.edge_break.nominal > 0.0:
-        highest = max(face.height for face in faces)
+        highest = max(face.height for face in right_faces)
         for side in _SIDES:
-            cuts += _make_long_edge_breaks(body, side, faces)
+            cuts += _make_long_edge_breaks(body, side, right_faces)
             cuts += _make_upright_edge_breaks(body, side, highest)
     if body.mounting is not None:
         for half_side in (-0.5, 0.5):
-            cuts.append(_make_hole(body, body.mounting, half_side))
+            cuts.append(_make_fixing_hole(body, body.mounting, half_side))
     if body.engraving is not None:
         cuts += _make_letters(body, body.engraving, identity)
     return cuts
@@ -68,7 +70,7 @@ def _make_letters(body: Body, engraving: Engraving, identity: str) -> Iterator[c
 
 
 def _make_long_edge_breaks(
-    body: Body, side: float, faces: Sequence[WorkingFace]
+    body: Body, side: float, right_faces: Sequence[WorkingFace]
 ) -> Iterator[cad.door.Body]:
     """Make the prisms that break the edges along x on the front (side -1) or the back (1)."""
     chamfer = body.edge_break.nominal
@@ -78,8 +80,8 @@ def _make_long_edge_breaks(
     outside = face + side * OVER
     # start and length along x, height, and 1 of an upper edge, -1 of a lower one
     edges = [(-length, length, 0.0, 1.0), (-length, 2.0 * length, body.base, -1.0)]
-    ends = [*(face.edge_x for face in faces[1:]), length]
-    for working_face, end in zip(faces, ends, strict=True):
+    ends = [*(face.edge_x for face in right_faces[1:]), length]
+    for working_face, end in zip(right_faces, ends, strict=True):
         begin = working_face.edge_x
         edges.append((begin, end - begin, working_face.height, 1.0))
     for x, run, z, up in edges:
@@ -109,7 +111,7 @@ def _make_upright_edge_breaks(body: Body, side: float, rise: float) -> Iterator[
         yield cad.kernel.extrude(section, (0.0, 0.0, height))
 
 
-def _make_hole(body: Body, mounting: Mounting, half_side: float) -> cad.door.Body:
+def _make_fixing_hole(body: Body, mounting: Mounting, half_side: float) -> cad.door.Body:
     """Make a fixing hole; `half_side` is -0.5 of the left one, 0.5 of the right one."""
     x = half_side * mounting.spacing.nominal
     if mounting.kind == "tapped":
@@ -204,38 +206,42 @@ def list_half_hull_points(
     return points
 
 
-def compute_half_volume(body: Body, extent: float, face_height: float) -> float:
+def compute_half_block_volume(body: Body, half_length: float, face_height: float) -> float:
     """Compute the volume of a block on one side of its edge [m^3].
 
-    It is a box with every edge broken but the four at the section; `extent` is its length [m].
+    It is a box with every edge broken but the four at the section; `half_length` is its length [m].
     """
     width = body.width.nominal
     chamfer = body.edge_break.nominal
     height = face_height + body.thickness.nominal
 
-    def antiderivative(s: float) -> float:
-        """Integrate (extent - s)(width - 2 s), the slice at an inset s from the chamfers."""
-        return extent * width * s - (2.0 * extent + width) * s * s / 2.0 + 2.0 * s**3 / 3.0
+    def integrate_slices(inset: float) -> float:
+        """Integrate (half_length - s)(width - 2 s), the slice at an inset s of the chamfers."""
+        return (
+            half_length * width * inset
+            - (2.0 * half_length + width) * inset * inset / 2.0
+            + 2.0 * inset**3 / 3.0
+        )
 
-    upright = (height - 2.0 * chamfer) * (extent * width - chamfer * chamfer)
+    upright = (height - 2.0 * chamfer) * (half_length * width - chamfer * chamfer)
     # less two corner triangles, leg^2 / 2 each with leg chamfer - 2 s; the leg vanishes at
     # s = chamfer / 2: chamfer^3 / 6 at a chamfer
-    sloped = antiderivative(chamfer) - chamfer**3 / 6.0
+    sloped = integrate_slices(chamfer) - chamfer**3 / 6.0
     return upright + 2.0 * sloped
 
 
-def compute_slab_volume(body: Body, extent: float, face_height: float) -> float:
+def compute_slab_volume(body: Body, length: float, face_height: float) -> float:
     """Compute the volume of a block between two sections [m^3].
 
-    `extent` is their distance [m].
+    `length` is their distance [m].
     """
     chamfer = body.edge_break.nominal
     height = face_height + body.thickness.nominal
-    return extent * (body.width.nominal * height - 2.0 * chamfer * chamfer)
+    return length * (body.width.nominal * height - 2.0 * chamfer * chamfer)
 
 
 @dataclass(frozen=True)
-class _Edge:
+class _SectionEdge:
     """An edge of a section polygon, or a part of it: from (x0, z0) to (x1, z1) [m]."""
 
     x0: float
@@ -243,12 +249,12 @@ class _Edge:
     x1: float
     z1: float
 
-    def interpolate(self, share: float) -> Point:
+    def interpolate_point(self, share: float) -> Point:
         """Return the point at a share of the edge."""
         return self.x0 + share * (self.x1 - self.x0), self.z0 + share * (self.z1 - self.z0)
 
 
-def compute_section_volume(body: Body, face_height: float, polygon: list[Point]) -> float:
+def compute_cutout_volume(body: Body, face_height: float, section: list[Point]) -> float:
     """Compute the volume that a section polygon (x, z) takes out of a half [m^3].
 
     The sides are chamfered from `edge_break` below the working face on: a contour integral of
@@ -256,33 +262,33 @@ def compute_section_volume(body: Body, face_height: float, polygon: list[Point])
     """
     knee = face_height - body.edge_break.nominal  # where the sides begin to lean
     total = 0.0
-    following = [*polygon[1:], polygon[0]]
-    for (x0, z0), (x1, z1) in zip(polygon, following, strict=True):
-        edge = _Edge(x0, z0, x1, z1)
-        for first, last in itertools.pairwise(_split_at_knee(edge, knee)):
-            start_x, start_z = edge.interpolate(first)
-            end_x, end_z = edge.interpolate(last)
+    following = [*section[1:], section[0]]
+    for (x0, z0), (x1, z1) in zip(section, following, strict=True):
+        edge = _SectionEdge(x0, z0, x1, z1)
+        for first, last in itertools.pairwise(_list_shares_at_knee(edge, knee)):
+            start_x, start_z = edge.interpolate_point(first)
+            end_x, end_z = edge.interpolate_point(last)
             middle_x = 0.5 * (start_x + end_x)
             middle_z = 0.5 * (start_z + end_z)
-            start = _compute_breadth(body, knee, start_z) * start_x
-            middle = _compute_breadth(body, knee, middle_z) * middle_x
-            end = _compute_breadth(body, knee, end_z) * end_x
+            start = _compute_width_at_height(body, knee, start_z) * start_x
+            middle = _compute_width_at_height(body, knee, middle_z) * middle_x
+            end = _compute_width_at_height(body, knee, end_z) * end_x
             # Simpson, exact for a quadratic
             total += (end_z - start_z) * (start + 4.0 * middle + end) / 6.0
     return abs(total)
 
 
-def _split_at_knee(edge: _Edge, knee: float) -> list[float]:
+def _list_shares_at_knee(edge: _SectionEdge, knee_height: float) -> list[float]:
     """Return the shares of an edge at which its parts on either side of a height end."""
     shares = [0.0]
     if edge.z1 != edge.z0:
-        crossing = (knee - edge.z0) / (edge.z1 - edge.z0)
+        crossing = (knee_height - edge.z0) / (edge.z1 - edge.z0)
         if 0.0 < crossing < 1.0:
             shares.append(crossing)
     shares.append(1.0)
     return shares
 
 
-def _compute_breadth(body: Body, knee: float, z: float) -> float:
+def _compute_width_at_height(body: Body, knee_height: float, height: float) -> float:
     """Return the breadth of the block at a height [m]."""
-    return body.width.nominal - 2.0 * max(z - knee, 0.0)
+    return body.width.nominal - 2.0 * max(height - knee_height, 0.0)

@@ -95,7 +95,7 @@ class Characteristic:
         return replace(self, nominal=-self.nominal, lower=-self.upper, upper=-self.lower)
 
 
-def find_face(faces: Sequence[cad.door.Face], rule: FaceRule, place: str) -> int:
+def find_face_index(faces: Sequence[cad.door.Face], rule: FaceRule, solid_name: str) -> int:
     """Find the face that a rule describes.
 
     Parameters
@@ -104,7 +104,7 @@ def find_face(faces: Sequence[cad.door.Face], rule: FaceRule, place: str) -> int
         All faces of a solid.
     rule : FaceRule
         Which of them is meant.
-    place : str
+    solid_name : str
         What the solid belongs to, for the message.
 
     Returns
@@ -119,11 +119,11 @@ def find_face(faces: Sequence[cad.door.Face], rule: FaceRule, place: str) -> int
     """
     candidates = [index for index, face in enumerate(faces) if _fits_rule(face, rule)]
     if not candidates:
-        raise MachiningError(f"a face must exist for {rule}, got none [{place}]")
-    return max(candidates, key=lambda index: _compute_box_area(faces[index]))
+        raise MachiningError(f"a face must exist for {rule}, got none [{solid_name}]")
+    return max(candidates, key=lambda index: _compute_bounding_box_area(faces[index]))
 
 
-def _compute_box_area(face: cad.door.Face) -> float:
+def _compute_bounding_box_area(face: cad.door.Face) -> float:
     """Return the product of the two longest sides of a face's bounding box [m^2]."""
     sides = sorted(high - low for low, high in zip(face.low, face.high, strict=True))
     _, middle, longest = sides
@@ -166,13 +166,15 @@ def _fits_slope(face: cad.door.Face, rule: FaceRule) -> bool:
     return True
 
 
-def describe_plane(axis: int, at: float, body: int | None = None, **holds: float) -> FaceRule:
+def make_plane_rule(
+    axis: int, coordinate: float, body: int | None = None, **contained_point: float
+) -> FaceRule:
     """Make the rule of a plane square to an axis at a coordinate along it [m].
 
     Its face contains the coordinates `x`, `y` and `z` that are given [m].
     """
-    by_axis = {"xyz".index(name): value for name, value in holds.items()}
-    return FaceRule("PLANE", axis, at, holds=by_axis, body=body)
+    by_axis = {"xyz".index(name): value for name, value in contained_point.items()}
+    return FaceRule("PLANE", axis, coordinate, holds=by_axis, body=body)
 
 
 def make_characteristic(
@@ -217,13 +219,13 @@ def make_characteristic(
         dimension.upper,
         body,
         faces,
-        method or _choose_method(dimension),
+        method or _choose_measuring_method(dimension),
         dimension.quantity,
         states=(dimension,),
     )
 
 
-def _choose_method(dimension: Dimension) -> str:
+def _choose_measuring_method(dimension: Dimension) -> str:
     """Choose a caliper where it proves the tolerance, else a micrometer."""
     if dimension.quantity == "angle":
         return CALIPER

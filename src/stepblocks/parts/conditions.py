@@ -103,7 +103,7 @@ class PredictionGrid(Table):
     limits: LimitsSpec = LimitsSpec()
 
     @make_rules_validator
-    def _check_laws(self) -> Iterator[str]:
+    def _yield_law_breaches(self) -> Iterator[str]:
         """Yield an overtone below the tool's frequency, and frictions beside a law of friction."""
         overtone = self.built_laws.get("tool")
         if overtone and overtone.frequency <= self.tool.frequency:
@@ -136,7 +136,7 @@ class PredictionGrid(Table):
             overtones=self.built_laws.get("tool", ()),
         )
 
-    def make_first_point(self, **overrides: Any) -> OperatingPoint:
+    def make_first_operating_point(self, **overrides: Any) -> OperatingPoint:
         """Return the first of the conditions; keywords replace fields of it."""
         ball_radius = PAPER.ball_radius
         if self.tip_radii:
@@ -183,7 +183,7 @@ class Gum(Table):
         0.1, "ratio", "assumed: wet with saliva"
     )
 
-    def make_tissue(self, frequency: float) -> Tissue:
+    def make_tissue(self, ring_frequency: float) -> Tissue:
         """Return the wall at the frequency of a ring [Hz].
 
         A long tool on an incompressible half space: N = pi/4 E* L d with E* = 4 G (Popov 2017,
@@ -192,7 +192,7 @@ class Gum(Table):
         """
         normal_stiffness = math.pi * self.shear_modulus.value * self.contact
         stiffness = 2.0 / 3.0 * normal_stiffness
-        damping = self.loss_factor.value * stiffness / (math.tau * frequency)
+        damping = self.loss_factor.value * stiffness / (math.tau * ring_frequency)
         friction = self.friction.value * normal_stiffness * self.indentation
         return Tissue(stiffness, damping, friction)
 
@@ -211,9 +211,9 @@ class OrderSpec(Table):
     # of part and series drawings; limits in inches are rounded inwards from the millimetres
     drawing_units: Literal["mm", "inch"] = "mm"
 
-    def count_parts(self, identity: str) -> int:
+    def count_ordered_parts(self, part_id: str) -> int:
         """Return how many of a part are ordered."""
-        return self.quantities.get(identity, self.quantity)
+        return self.quantities.get(part_id, self.quantity)
 
 
 NO_ORDER = OrderSpec()

@@ -22,9 +22,9 @@ from stepblocks.mistakes import list_mistakes
 from stepblocks.parts.tolerance import (
     Dimension,
     Origin,
-    find_origin,
-    parse_declared,
-    parse_plausible,
+    find_declared_origin,
+    parse_declared_quantity,
+    parse_plausible_quantity,
 )
 from stepblocks.quantities import DIMENSIONS, format_quantity, unwrap_array_scalar
 
@@ -62,17 +62,17 @@ def is_identity(name: str) -> bool:
     return re.fullmatch(_IDENTITY, name) is not None
 
 
-def make_rules_validator(check: Callable[[Any], Iterator[str]]) -> Any:
+def make_rules_validator(yield_broken_rules: Callable[[Any], Iterator[str]]) -> Any:
     """Make a validator of a whole table from a check that yields each broken rule."""
 
-    def check_table(self: object) -> Any:
+    def refuse_broken_rules(self: object) -> Any:
         """Return a table unchanged; refuse one that breaks a rule."""
-        broken_rules = list(check(self))
+        broken_rules = list(yield_broken_rules(self))
         if broken_rules:
             raise ValueError("\n".join(broken_rules))
         return self
 
-    return model_validator(mode="after")(check_table)
+    return model_validator(mode="after")(refuse_broken_rules)
 
 
 def describe_breach(field: str, rule: str, limit: float, value: float) -> str:
@@ -109,7 +109,7 @@ def make_positive_validator(dimension: str, *, or_zero: bool = False) -> Quantit
 
     def read_quantity(raw: object, info: ValidationInfo) -> float:
         """Read a quantity in SI, and refuse a wrong sign."""
-        value = parse_plausible(raw, dimension, find_origin(info))
+        value = parse_plausible_quantity(raw, dimension, find_declared_origin(info))
         if or_zero and not value >= 0.0:
             raise QuantityError(f"must not be negative, got {raw!r}")
         if not or_zero and not value > 0.0:
@@ -244,7 +244,7 @@ def make_sourced_validator(quantity: str) -> BeforeValidator:
         source = raw["source"]
         if not isinstance(source, str) or not source.strip():
             raise QuantityError(f"source must say where the value comes from, got {source!r:.60}")
-        value = parse_plausible(raw["value"], quantity, find_origin(info))
+        value = parse_plausible_quantity(raw["value"], quantity, find_declared_origin(info))
         if not value > 0.0:
             raise QuantityError(f"value must be positive, got {raw['value']!r:.60}")
         return Sourced(value, quantity, source)
@@ -261,7 +261,7 @@ def _read_zone(raw: object, info: ValidationInfo) -> Dimension:
     """Read the width of a zone as a dimension of nominal 0 that may only grow."""
     if isinstance(raw, Dimension):
         return raw
-    width = parse_declared(raw, "length", find_origin(info))
+    width = parse_declared_quantity(raw, "length", find_declared_origin(info))
     if not width > 0.0:
         raise QuantityError(f"must be positive, got {format_quantity(width, 'length')}")
     return Dimension(0.0, width, 0.0)

@@ -39,7 +39,11 @@ def make_zone_characteristic(
 
 
 def make_form_characteristics(
-    demands: FaceDemands, low: FaceRule, high: FaceRule, lower: str, upper: str
+    demands: FaceDemands,
+    lower_face: FaceRule,
+    upper_face: FaceRule,
+    lower_label: str,
+    upper_label: str,
 ) -> Iterator[Characteristic]:
     """State flatness and parallelism of the two working faces.
 
@@ -47,9 +51,9 @@ def make_form_characteristics(
     ----------
     demands : dict of str to Dimension
         Demands on the faces in force.
-    low, high : FaceRule
+    lower_face, upper_face : FaceRule
         The faces.
-    lower, upper : str
+    lower_label, upper_label : str
         What a person calls them.
 
     Yields
@@ -59,20 +63,30 @@ def make_form_characteristics(
     """
     flatness = demands["flatness"]
     yield make_zone_characteristic(
-        "flatness_lower", f"flatness, {lower}", "flatness", flatness, (low,), _FACE_FORM
+        "flatness_lower",
+        f"flatness, {lower_label}",
+        "flatness",
+        flatness,
+        (lower_face,),
+        _FACE_FORM,
     )
     yield make_zone_characteristic(
-        "flatness_upper", f"flatness, {upper}", "flatness", flatness, (high,), _FACE_FORM
+        "flatness_upper",
+        f"flatness, {upper_label}",
+        "flatness",
+        flatness,
+        (upper_face,),
+        _FACE_FORM,
     )
     parallelism = demands["parallelism"]
-    label = f"parallelism, {upper} to A"
+    label = f"parallelism, {upper_label} to A"
     yield make_zone_characteristic(
-        "parallelism", label, "parallelism", parallelism, (high, low), _FACE_FORM
+        "parallelism", label, "parallelism", parallelism, (upper_face, lower_face), _FACE_FORM
     )
 
 
-def make_surface_characteristics(
-    demands: FaceDemands, lower: FaceRule, upper: FaceRule, base: FaceRule
+def make_roughness_and_base_characteristics(
+    demands: FaceDemands, lower_face: FaceRule, upper_face: FaceRule, base_face: FaceRule
 ) -> Iterator[Characteristic]:
     """State the roughness of the working faces, and the form of the base under the lower one."""
     yield make_zone_characteristic(
@@ -80,7 +94,7 @@ def make_surface_characteristics(
         "roughness Ra, working faces",
         "roughness",
         demands["roughness"],
-        (lower, upper),
+        (lower_face, upper_face),
         "profilometer or interferometer, ISO 21920-2",
     )
     yield make_zone_characteristic(
@@ -88,7 +102,7 @@ def make_surface_characteristics(
         "flatness, base",
         "flatness",
         demands["base_flatness"],
-        (base,),
+        (base_face,),
         "optical flat or electronic comparator",
     )
     yield make_zone_characteristic(
@@ -96,7 +110,7 @@ def make_surface_characteristics(
         "parallelism, lower face to B, the base",
         "parallelism",
         demands["base_parallelism"],
-        (lower, base),
+        (lower_face, base_face),
         "comparator on a surface plate",
     )
 
@@ -116,11 +130,13 @@ def make_contact_roughness_characteristic(
     )
 
 
-def make_burr_characteristic(burr: Dimension, faces: str = "the upper face") -> Characteristic:
+def make_burr_characteristic(
+    burr: Dimension, faces_label: str = "the upper face"
+) -> Characteristic:
     """State the largest height of a burr over the faces at a working edge (ISO 13715)."""
     return make_zone_characteristic(
         "burr",
-        f"burr over {faces} within {BURR_ZONE * 1e3:g} mm of the edge",
+        f"burr over {faces_label} within {BURR_ZONE * 1e3:g} mm of the edge",
         "note",
         burr,
         (),
@@ -129,7 +145,7 @@ def make_burr_characteristic(burr: Dimension, faces: str = "the upper face") -> 
 
 
 def make_edge_characteristics(
-    burr: Dimension, wall: FaceRule | None, lower: FaceRule
+    burr: Dimension, wall: FaceRule | None, lower_face: FaceRule
 ) -> Iterator[Characteristic]:
     """State the burr at the working edge (ISO 13715), and angle and straightness of its wall.
 
@@ -139,7 +155,7 @@ def make_edge_characteristics(
         Largest height of a burr over the upper face.
     wall : FaceRule or None
         Riser of the step; None where it is all rounding, and nothing is upright.
-    lower : FaceRule
+    lower_face : FaceRule
         Lower working face.
 
     Yields
@@ -155,7 +171,7 @@ def make_edge_characteristics(
         "angle",
         Dimension(0.5 * math.pi, ANGULAR_DEVIATION, -ANGULAR_DEVIATION, "angle"),
         wall,
-        lower,
+        lower_face,
         label="angle of the riser to the faces",
         method=_EDGE_SECTION,
     )

@@ -87,7 +87,7 @@ class FeltTolerance(Table):
     verdict: Annotated[InstanceOf[FeltVerdict] | None, WorkedOut()] = Field(None, exclude=True)
 
     @make_rules_validator
-    def _check_one_is_given(self) -> Iterator[str]:
+    def _yield_bound_breaches(self) -> Iterator[str]:
         """Yield what keeps the bounds from being those of one thing."""
         if (self.energy is None) == (self.jnd is None):
             yield "tolerance must have either energy or jnd, not both or none"
@@ -103,14 +103,14 @@ class FeltTolerance(Table):
         span = self.jnd * math.log1p(self.weber_fraction)
         return EnergyBounds(span, span)
 
-    def describe(self) -> str:
+    def describe_bounds(self) -> str:
         """Say what is kept."""
         if self.energy is not None:
             return f"{100.0 * self.energy:g} %"
         return f"{self.jnd:g} just noticeable differences of {100.0 * self.weber_fraction:.3g} %"
 
 
-def describe_felt_tolerance(tolerance: FeltTolerance | None) -> list[list[str]]:
+def list_felt_tolerance_rows(tolerance: FeltTolerance | None) -> list[list[str]]:
     """Say for people what a part keeps, and with which friction."""
     if tolerance is None or tolerance.verdict is None:
         return []
@@ -119,7 +119,7 @@ def describe_felt_tolerance(tolerance: FeltTolerance | None) -> list[list[str]]:
     return [
         [
             "vibration energy",
-            f"kept within {tolerance.describe()}: {100.0 * verdict.fall:+.2g} % to "
+            f"kept within {tolerance.describe_bounds()}: {100.0 * verdict.fall:+.2g} % to "
             f"{100.0 * verdict.rise:+.2g} % at the worst corners, with friction "
             f"{friction.upper:+.2g}/{friction.lower:+.2g}",
         ]
@@ -166,14 +166,19 @@ def resolve_felt_tolerance(part: Part, grid: PredictionGrid) -> Part:
     update: dict[str, object] = {"tolerance": tolerance.model_copy(update={"verdict": verdict})}
     for name, field in part.counterface_fields.items():
         if name in limits:
-            update[field] = _set_felt_limits(part.sizes[name], limits[name])
+            update[field] = _replace_deviations_by_felt(part.sizes[name], limits[name])
     return part.model_copy(update=update)
 
 
-def _set_felt_limits(size: Dimension, limit: Deviations) -> Dimension:
+def _replace_deviations_by_felt(size: Dimension, felt_deviations: Deviations) -> Dimension:
     """Return a dimension with deviations that follow from what is felt."""
     return replace(
-        size, upper=limit.upper, lower=limit.lower, usual=False, general=False, by_feel=True
+        size,
+        upper=felt_deviations.upper,
+        lower=felt_deviations.lower,
+        usual=False,
+        general=False,
+        by_feel=True,
     )
 
 
@@ -186,7 +191,7 @@ def _yield_releasing_conditions(
     """
     face = part.counterface()
     for radius, friction in product(grid.tip_radii, grid.frictions_or_law):
-        point = grid.make_first_point(ball_radius=radius, friction=friction)
+        point = grid.make_first_operating_point(ball_radius=radius, friction=friction)
         if face.release(point).status is Status.RELEASES:
             yield face, point
 
@@ -194,28 +199,32 @@ def _yield_releasing_conditions(
 def _find_narrowest_limits(
     conditions: list[tuple[Counterface, OperatingPoint]],
     tolerance: FeltTolerance,
-    free: list[str],
-    fixed: Mapping[str, Deviations],
+    free_names: list[str],
+    fixed_deviations: Mapping[str, Deviations],
 ) -> FeltLimits:
     """Find limits that hold under all conditions, rounded to what a drawing says."""
     found = []
     for face, point in conditions:
         try:
-            found.append(find_felt_limits(face, point, tolerance.bounds, free, fixed))
+            found.append(
+                find_felt_limits(face, point, tolerance.bounds, free_names, fixed_deviations)
+            )
         except ContactError as error:
             raise StimulusError(
-                f"tolerance of {tolerance.describe()} cannot be kept with a tip of "
+                f"tolerance of {tolerance.describe_bounds()} cannot be kept with a tip of "
                 f"{point.ball_radius * 1e6:g} um and friction {point.friction:g}: {error}"
             ) from error
     narrowest = {}
-    for name in free:
+    for name in free_names:
         upper = min(limits[name].upper for limits in found)
         lower = max(limits[name].lower for limits in found)
-        narrowest[name] = Deviations(_round_down(upper), 0.0 - _round_down(-lower))
+        narrowest[name] = Deviations(
+            _round_down_to_two_digits(upper), 0.0 - _round_down_to_two_digits(-lower)
+        )
     return narrowest
 
 
-def _round_down(width: float) -> float:
+def _round_down_to_two_digits(width: float) -> float:
     """Round a width towards zero to two digits, as a drawing says it."""
     if width == 0.0:
         return 0.0

@@ -56,7 +56,7 @@ class GaugePair:
     expected: float
 
 
-def find_pair(height: float, grade: str = "0") -> GaugePair | None:
+def find_gauge_pair(height: float, grade: str = "0") -> GaugePair | None:
     """Find the pair of a standard set whose difference is a height [m], if there is one.
 
     Raises
@@ -71,11 +71,11 @@ def find_pair(height: float, grade: str = "0") -> GaugePair | None:
             continue
         for upper in STANDARD_SET:
             if abs(upper - lower - height) < _SAME_LENGTH:
-                return _make_pair(lower, upper, grade)
+                return _make_gauge_pair(lower, upper, grade)
     return None
 
 
-def choose_pair(height: float, grade: str = "0") -> GaugePair:
+def require_gauge_pair(height: float, grade: str = "0") -> GaugePair:
     """Choose the pair of a standard set whose difference is a height [m].
 
     Raises
@@ -83,7 +83,7 @@ def choose_pair(height: float, grade: str = "0") -> GaugePair:
     MachiningError
         If no pair has this difference, or the grade is not one of ISO 3650.
     """
-    pair = find_pair(height, grade)
+    pair = find_gauge_pair(height, grade)
     if pair is None:
         raise MachiningError(
             f"height must be a difference of two gauge blocks of the set, got {height * 1e3:.6g} mm"
@@ -91,7 +91,7 @@ def choose_pair(height: float, grade: str = "0") -> GaugePair:
     return pair
 
 
-def _make_pair(lower: float, upper: float, grade: str) -> GaugePair:
+def _make_gauge_pair(lower: float, upper: float, grade: str) -> GaugePair:
     """Make a pair, with what its lengths, their variations and the wringing add to the step."""
     limits = GRADES[grade]
     # half of the variation: the length is stated at the middle, the edge lies beside it
@@ -165,7 +165,7 @@ def build_gauge_assembly(block: StepBlock, pair: GaugePair) -> GaugeAssembly:
     """
     floor = -pair.lower
     half = 0.5 * SECTION_LENGTH
-    base = _build_base(make_gauge_base(block, pair), block.id)
+    base = _build_base_solid(make_gauge_base(block, pair), block.id)
     lower = cad.kernel.make_box((-SECTION_WIDTH, -half, floor), (0.0, half, 0.0))
     upper = cad.kernel.make_box((0.0, -half, floor), (SECTION_WIDTH, half, pair.upper - pair.lower))
     return GaugeAssembly(
@@ -178,7 +178,7 @@ def build_gauge_assembly(block: StepBlock, pair: GaugePair) -> GaugeAssembly:
     )
 
 
-def _build_base(body: Body, identity: str) -> cad.door.Body:
+def _build_base_solid(body: Body, identity: str) -> cad.door.Body:
     """Build a body with level upper side at z = 0, with its holes, edges and engraving."""
     low = (-body.half_length, -body.half_width, body.base)
     high = (body.half_length, body.half_width, 0.0)

@@ -32,17 +32,17 @@ class _Glyph:
 @lru_cache(maxsize=4096)
 def _outline_glyph(character: str) -> _Glyph:
     """Outline one character."""
-    advance = _find_right_end(character + "|") - _find_right_end("|")
+    advance = _measure_right_end(character + "|") - _measure_right_end("|")
     if character.isspace():
         return _Glyph(advance, ())  # matplotlib makes no path of nothing
     polygons = []
-    for polygon in _list_polygons(character):
+    for polygon in _list_glyph_polygons(character):
         rings = [polygon.exterior, *polygon.interiors]
         polygons.append(tuple(np.asarray(ring.coords)[:-1] for ring in rings))
     return _Glyph(advance, tuple(polygons))
 
 
-def _make_path(text: str) -> "TextPath":
+def _make_text_path(text: str) -> "TextPath":
     """Return matplotlib's path of a text whose capitals are 1 high."""
     import matplotlib as mpl
     from matplotlib.font_manager import FontProperties
@@ -52,36 +52,36 @@ def _make_path(text: str) -> "TextPath":
     return TextPath((0.0, 0.0), text, size=1.0 / _CAPITAL, prop=font)
 
 
-def _find_right_end(text: str) -> float:
+def _measure_right_end(text: str) -> float:
     """Return the x of the right end of a text whose capitals are 1 high."""
-    return float(_make_path(text).vertices[:, 0].max())
+    return float(_make_text_path(text).vertices[:, 0].max())
 
 
-def _list_polygons(character: str) -> "list[shapely.Polygon]":
+def _list_glyph_polygons(character: str) -> "list[shapely.Polygon]":
     """List the simplified polygons of a character, with their holes, as shapely holds them."""
     import shapely
 
     shape: shapely.geometry.base.BaseGeometry = shapely.Polygon()
-    for ring in _make_path(character).to_polygons():
+    for ring in _make_text_path(character).to_polygons():
         # even-odd: a ring inside another is its hole
         shape = shapely.symmetric_difference(shape, shapely.Polygon(np.asarray(ring)[:-1]))
     shape = shapely.simplify(shape, _FLATNESS, preserve_topology=True)
     return [shapely.orient_polygons(part) for part in getattr(shape, "geoms", [shape])]
 
 
-def compute_text_width(text: str, height: float) -> float:
-    """Compute the length of a line of text whose capitals are `height` high, in the same unit."""
-    return height * math.fsum(_outline_glyph(character).advance for character in text)
+def compute_text_width(text: str, capital_height: float) -> float:
+    """Compute the length of a line of text, in the unit of the height of its capitals."""
+    return capital_height * math.fsum(_outline_glyph(character).advance for character in text)
 
 
-def outline_centred_text(text: str, height: float) -> list[OutlinedArea]:
+def outline_centred_text(text: str, capital_height: float) -> list[OutlinedArea]:
     """Outline a line of text whose middle, of its length and of its capitals, is the origin.
 
     Parameters
     ----------
     text : str
         The text.
-    height : float
+    capital_height : float
         Height of its capitals [m].
 
     Returns
@@ -99,4 +99,4 @@ def outline_centred_text(text: str, height: float) -> list[OutlinedArea]:
             placed.append(tuple(ring + shift for ring in polygon))
         pen += glyph.advance
     middle = np.array([0.5 * pen, 0.5])  # capitals are 1 high
-    return [tuple((ring - middle) * height for ring in polygon) for polygon in placed]
+    return [tuple((ring - middle) * capital_height for ring in polygon) for polygon in placed]

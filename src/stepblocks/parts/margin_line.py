@@ -21,9 +21,9 @@ from stepblocks.parts.margin_section import (
     SECTIONS,
     SectionFrame,
     Side,
-    cut_section,
-    find_frame,
+    cut_outermost_section,
     fit_sections,
+    make_section_frame,
 )
 
 if TYPE_CHECKING:
@@ -55,25 +55,25 @@ class _ScannedTooth:
 
 def measure_stations_in_worker(
     path: Path,
-    scale: float,
-    margin: list[list[float]],
-    count: int,
-    towards: Sequence[float],
+    mesh_unit: float,
+    margin_points: list[list[float]],
+    station_count: int,
+    crown_direction: Sequence[float],
     shown_sides: str,
 ) -> dict[str, object]:
-    """Measure `count` sections across a margin, in a confined process.
+    """Measure `station_count` sections across a margin, in a confined process.
 
     Parameters
     ----------
     path : Path
         The mesh.
-    scale : float
+    mesh_unit : float
         Unit of the mesh [m].
-    margin : list of list of float, shape (n, 3)
+    margin_points : list of list of float, shape (n, 3)
         Points of the margin line [unit of the mesh].
-    count : int
+    station_count : int
         Number of stations.
-    towards : sequence of float
+    crown_direction : sequence of float
         Rough direction of the crown from the root.
     shown_sides : str
         Sides that the scan covers: ``"tooth"``, ``"crown"`` or ``"both"``.
@@ -89,14 +89,14 @@ def measure_stations_in_worker(
     StimulusError
         If the mesh is no tooth in that unit, or shows too little beside the margin.
     """
-    tooth = _load_tooth(path, scale, margin)
+    tooth = _load_tooth(path, mesh_unit, margin_points)
     middle = tooth.around.mean(axis=0)
-    draw = _find_path_of_draw(tooth.around - middle, towards, path)
+    draw = _find_path_of_draw(tooth.around - middle, crown_direction, path)
     mesh = tooth.mesh
-    radii = _remove_far_triangles(mesh, tooth.around)
+    radii = _remove_triangles_far_from_line(mesh, tooth.around)
     rows = []
-    for number in range(count):
-        along_line = tooth.line.x[-1] * number / count
+    for number in range(station_count):
+        along_line = tooth.line.x[-1] * number / station_count
         offsets = np.linspace(-0.5 * FITTED, 0.5 * FITTED, SECTIONS)
         places = tooth.line(along_line + offsets)
         directions = tooth.line(along_line + offsets, 1)
@@ -105,7 +105,7 @@ def measure_stations_in_worker(
         near = np.flatnonzero(distances < _REACH + radii)
         frames = []
         for origin, direction in zip(places, directions, strict=True):
-            frames.append(find_frame(origin, direction, middle, draw))
+            frames.append(make_section_frame(origin, direction, middle, draw))
         station = f"station {number + 1}"
         shape = _fit_station_shape(mesh, near, frames, shown_sides, station, path)
         rows.append(np.hstack(shape))
@@ -115,22 +115,24 @@ def measure_stations_in_worker(
     return {"stations": rounded + 0.0}  # no zero keeps a sign
 
 
-def _find_path_of_draw(offsets: Array, towards: Sequence[float], path: Path) -> Array:
+def _find_path_of_draw(
+    margin_offsets: Array, crown_direction: Sequence[float], path: Path
+) -> Array:
     """Find the unit vector square to the plane of a margin, towards the crown, shape (3,).
 
-    `offsets` are its points from their middle, shape (n, 3).
+    `margin_offsets` are its points from their middle, shape (n, 3).
     """
-    _, _, axes = np.linalg.svd(offsets, full_matrices=False)
+    _, _, axes = np.linalg.svd(margin_offsets, full_matrices=False)
     draw: Array = axes[2]
-    draw *= math.copysign(1.0, float(draw @ towards))
-    if not draw @ towards >= _LEAST_LEAN * np.linalg.norm(towards):
+    draw *= math.copysign(1.0, float(draw @ crown_direction))
+    if not draw @ crown_direction >= _LEAST_LEAN * np.linalg.norm(crown_direction):
         raise StimulusError(
             f"crown_towards must leave the plane of the margin by 30 deg or more [{path.name}]"
         )
     return draw
 
 
-def _remove_far_triangles(mesh: "Trimesh", around: Array) -> Array:
+def _remove_triangles_far_from_line(mesh: "Trimesh", line_points: Array) -> Array:
     """Remove the triangles far from a line, in place; return the radii of those kept [m].
 
     The radius of a triangle is its farthest corner's distance from the centre.
@@ -139,7 +141,7 @@ def _remove_far_triangles(mesh: "Trimesh", around: Array) -> Array:
 
     corners = mesh.triangles - mesh.triangles_center[:, None]
     radii: Array = np.linalg.norm(corners, axis=2).max(axis=1)
-    distances, _ = cKDTree(around).query(mesh.triangles_center)
+    distances, _ = cKDTree(line_points).query(mesh.triangles_center)
     is_near: NDArray[np.bool_] = distances < _REACH + radii
     mesh.update_faces(is_near)
     mesh.remove_unreferenced_vertices()
@@ -160,23 +162,23 @@ class _StationShape(NamedTuple):
 
 def _fit_station_shape(
     mesh: "Trimesh",
-    near: NDArray[np.int64],
+    triangle_indices: NDArray[np.int64],
     frames: list[SectionFrame],
     shown_sides: str,
-    station: str,
+    station_name: str,
     path: Path,
 ) -> _StationShape:
     """Fit one shape to all sections of a station; refuse a hole beside the margin.
 
-    `near` are the indices of the triangles that are cut, `shown_sides` the sides that the scan
-    covers, `station` its name in a message.
+    `triangle_indices` are the indices of the triangles that are cut, `shown_sides` the sides that
+    the scan covers, `station_name` its name in a message.
     """
-    sections = [cut_section(mesh, near, frame) for frame in frames]
+    sections = [cut_outermost_section(mesh, triangle_indices, frame) for frame in frames]
     fit = fit_sections(sections, shown_sides)
     if isinstance(fit, Side):
         raise StimulusError(
             f"the scan must show a third of the {fit} within {FITTED * 1e3:g} mm of the "
-            f"margin, got a hole at {station} [{path.name}]"
+            f"margin, got a hole at {station_name} [{path.name}]"
         )
     middle = frames[SECTIONS // 2]
     level = fit.level @ np.stack([middle.across, middle.outward])
@@ -192,31 +194,33 @@ def _fit_station_shape(
     )
 
 
-def read_tooth_in_worker(path: Path, scale: float, margin: list[list[float]]) -> dict[str, object]:
+def read_tooth_in_worker(
+    path: Path, mesh_unit: float, margin_points: list[list[float]]
+) -> dict[str, object]:
     """Read the surface that a margin runs along, in a confined process: vertices [m], triangles."""
-    mesh = _load_tooth(path, scale, margin).mesh
+    mesh = _load_tooth(path, mesh_unit, margin_points).mesh
     return {"vertices": np.asarray(mesh.vertices), "triangles": np.asarray(mesh.faces)}
 
 
-def _load_tooth(path: Path, scale: float, margin: list[list[float]]) -> _ScannedTooth:
+def _load_tooth(path: Path, mesh_unit: float, margin_points: list[list[float]]) -> _ScannedTooth:
     """Load a scan in metres, and leave the shells that its margin runs along."""
     import trimesh
 
     mesh = trimesh.load_mesh(path, file_type=path.suffix[1:].lower())
     _refuse_unusable_mesh(mesh, path)
-    mesh.apply_scale(scale)
-    _refuse_size_of_no_tooth(mesh, path)
+    mesh.apply_scale(mesh_unit)
+    _refuse_implausible_tooth_size(mesh, path)
     mesh.update_faces(mesh.nondegenerate_faces())
     shells = trimesh.graph.connected_components(
         mesh.face_adjacency, nodes=np.arange(len(mesh.faces))
     )
-    picked = np.asarray(margin, dtype=np.float64) * scale
+    picked = np.asarray(margin_points, dtype=np.float64) * mesh_unit
     longest_edge = float(mesh.edges_unique_length.max())
     shell_points = [mesh.vertices[np.unique(mesh.faces[shell])] for shell in shells]
     _refuse_points_off_mesh(picked, np.concatenate(shell_points), longest_edge, path)
-    line = _make_closed_line(picked, path)
+    line = _make_closed_spline(picked, path)
     around = line(np.linspace(0.0, line.x[-1], _LINE_POINTS))
-    kept = _find_shells_along(around, shell_points, FITTED + longest_edge)
+    kept = _find_shells_along_line(around, shell_points, FITTED + longest_edge)
     mesh.update_faces(np.concatenate([shells[index] for index in kept]))
     mesh.remove_unreferenced_vertices()
     return _ScannedTooth(mesh, line, around)
@@ -232,7 +236,7 @@ def _refuse_unusable_mesh(mesh: "Trimesh", path: Path) -> None:
         )
 
 
-def _refuse_size_of_no_tooth(mesh: "Trimesh", path: Path) -> None:
+def _refuse_implausible_tooth_size(mesh: "Trimesh", path: Path) -> None:
     """Refuse a mesh [m] whose size is not that of a tooth, as in a wrong unit."""
     size = float(mesh.extents.max())
     if not _SMALLEST <= size <= _LARGEST:
@@ -242,11 +246,13 @@ def _refuse_size_of_no_tooth(mesh: "Trimesh", path: Path) -> None:
         )
 
 
-def _refuse_points_off_mesh(picked: Array, points: Array, longest_edge: float, path: Path) -> None:
+def _refuse_points_off_mesh(
+    picked_points: Array, mesh_points: Array, longest_edge: float, path: Path
+) -> None:
     """Refuse picked points, shape (n, 3), that lie too far from the points of a mesh [m]."""
     from scipy.spatial import cKDTree
 
-    distances, _ = cKDTree(points).query(picked)
+    distances, _ = cKDTree(mesh_points).query(picked_points)
     beside = np.asarray(distances) - longest_edge
     if not beside.max() <= _BESIDE:
         raise StimulusError(
@@ -255,7 +261,9 @@ def _refuse_points_off_mesh(picked: Array, points: Array, longest_edge: float, p
         )
 
 
-def _find_shells_along(around: Array, shell_points: Sequence[Array], reach: float) -> list[int]:
+def _find_shells_along_line(
+    line_points: Array, shell_points: Sequence[Array], reach: float
+) -> list[int]:
     """Find the shells that go along most of a line; return their indices.
 
     Debris and loose islands are no side of a margin. `reach` is how far from the line a shell
@@ -265,13 +273,13 @@ def _find_shells_along(around: Array, shell_points: Sequence[Array], reach: floa
 
     shares = []
     for points in shell_points:
-        distances, _ = cKDTree(points).query(around)
+        distances, _ = cKDTree(points).query(line_points)
         shares.append(float(np.mean(distances < reach)))
     least_share = min(COVERED, max(shares))
     return [index for index, share in enumerate(shares) if share >= least_share]
 
 
-def _make_closed_line(points: Array, path: Path) -> "CubicSpline":
+def _make_closed_spline(points: Array, path: Path) -> "CubicSpline":
     """Make a smooth closed line through points, shape (n, 3), over the length of their chords."""
     from scipy.interpolate import CubicSpline
 

@@ -34,40 +34,44 @@ class SectionFrame:
     along: Array  # the margin; the section is square to it
 
 
-def find_frame(place: Array, along: Array, middle: Array, draw: Array) -> SectionFrame:
+def make_section_frame(
+    margin_point: Array, line_direction: Array, margin_middle: Array, draw_direction: Array
+) -> SectionFrame:
     """Find the frame of a section.
 
     Parameters
     ----------
-    place, along : ndarray
+    margin_point, line_direction : ndarray
         A point of the margin line [m] and its direction there, shape (3,).
-    middle : ndarray
+    margin_middle : ndarray
         Middle of the margin [m], shape (3,).
-    draw : ndarray
+    draw_direction : ndarray
         Direction of the crown from the root, shape (3,).
 
     Returns
     -------
     SectionFrame
-        With unit vectors, but for `along`, which keeps its length.
+        With unit vectors, but for `line_direction`, which keeps its length.
     """
-    outward = np.cross(along, draw)
-    outward_sign = float(outward @ (place - middle))
+    outward = np.cross(line_direction, draw_direction)
+    outward_sign = float(outward @ (margin_point - margin_middle))
     outward *= math.copysign(1.0 / float(np.linalg.norm(outward)), outward_sign)
-    across = np.cross(outward, along)
-    across_sign = float(across @ draw)
+    across = np.cross(outward, line_direction)
+    across_sign = float(across @ draw_direction)
     across *= math.copysign(1.0 / float(np.linalg.norm(across)), across_sign)
-    return SectionFrame(place, across, outward, along)
+    return SectionFrame(margin_point, across, outward, line_direction)
 
 
-def cut_section(mesh: object, near: NDArray[np.int64], frame: SectionFrame) -> Array:
+def cut_outermost_section(
+    mesh: object, triangle_indices: NDArray[np.int64], frame: SectionFrame
+) -> Array:
     """Find the outermost points of a section.
 
     Parameters
     ----------
     mesh : trimesh.Trimesh
         The scan [m].
-    near : ndarray
+    triangle_indices : ndarray
         Indices of the triangles that are cut.
     frame : SectionFrame
         Where it lies.
@@ -79,7 +83,9 @@ def cut_section(mesh: object, near: NDArray[np.int64], frame: SectionFrame) -> A
     """
     import trimesh
 
-    lines = trimesh.intersections.mesh_plane(mesh, frame.along, frame.place, local_faces=near)
+    lines = trimesh.intersections.mesh_plane(
+        mesh, frame.along, frame.place, local_faces=triangle_indices
+    )
     offsets = lines - frame.place
     x = offsets @ frame.across
     z = offsets @ frame.outward
@@ -150,12 +156,12 @@ def fit_sections(sections: Sequence[Array], shown_sides: str) -> MarginFit | Sid
     origin = np.zeros(2)
     axes = np.eye(2)
     for _ in range(_TURNS):
-        sides = _find_sides(points, shown_sides)
+        sides = _find_points_by_side(points, shown_sides)
         for side, is_on_side in sides.items():
             if is_on_side.sum() < COVERED * _SAMPLES * SECTIONS:
                 return side
         is_used = np.any(list(sides.values()), axis=0)
-        shape = _fit_shape(points[is_used], section[is_used])
+        shape = _fit_section_shape(points[is_used], section[is_used])
         turn = math.atan(shape.crown_slope)
         if Side.TOOTH in sides:
             turn = math.atan(shape.tooth_slope)
@@ -177,7 +183,7 @@ def fit_sections(sections: Sequence[Array], shown_sides: str) -> MarginFit | Sid
     )
 
 
-def _find_sides(points: Array, shown_sides: str) -> dict[Side, NDArray[np.bool_]]:
+def _find_points_by_side(points: Array, shown_sides: str) -> dict[Side, NDArray[np.bool_]]:
     """Find which points (x, z) lie on each side that a scan covers, shape (n,)."""
     x = points[:, 0]
     is_within = np.abs(x) <= FITTED
@@ -189,14 +195,14 @@ def _find_sides(points: Array, shown_sides: str) -> dict[Side, NDArray[np.bool_]
     return sides
 
 
-def _fit_shape(points: Array, section: NDArray[np.intp]) -> _Shape:
+def _fit_section_shape(points: Array, section_indices: NDArray[np.intp]) -> _Shape:
     """Fit slopes and curvatures of both sides, and a level of each section, by least squares.
 
-    `points` are (x, z), shape (n, 2), `section` says which section each is of, shape (n,).
+    `points` are (x, z), shape (n, 2), `section_indices` says which section each is of, shape (n,).
     Outlying points are left out step by step.
     """
     x, z = points.T
-    columns = [section[:, None] == np.arange(SECTIONS)]
+    columns = [section_indices[:, None] == np.arange(SECTIONS)]
     for is_on_side in (x < 0.0, x > 0.0):
         for power in (1, 2):
             columns.append(np.where(is_on_side, x**power / power, 0.0))

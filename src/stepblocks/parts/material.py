@@ -174,7 +174,7 @@ _GRADES = (
 )
 
 
-def find_material(raw: object) -> object:
+def read_material(raw: object) -> object:
     """Find a material by its key; other text is the designation of an order.
 
     Raises
@@ -190,14 +190,14 @@ def find_material(raw: object) -> object:
         if raw in MATERIALS:
             return MATERIALS[raw]
         if not re.fullmatch("[a-z]*", raw):
-            return Material(designation=raw, density=_find_density(raw))
+            return Material(designation=raw, density=_find_steel_density(raw))
     raise ValueError(
         f"must be one of {', '.join(MATERIALS)}, or a designation such as '440C, hardened "
         f"and tempered, 58 HRC', got {raw!r}"
     )
 
 
-def _find_density(designation: str) -> Sourced | None:
+def _find_steel_density(designation: str) -> Sourced | None:
     """Find the density of the steel that a designation names; None if it names none."""
     for grade in _GRADES:
         if re.search(grade.pattern, designation):
@@ -205,4 +205,4 @@ def _find_density(designation: str) -> Sourced | None:
     return None
 
 
-MaterialField = Annotated[Material, BeforeValidator(find_material)]
+MaterialField = Annotated[Material, BeforeValidator(read_material)]

@@ -35,12 +35,12 @@ Values = Mapping[str, tuple[float, float, str]]
 def choose_decimals(*lengths: float) -> int:
     """Choose the decimals (1 to 6) that print all lengths [m] exactly in millimetres."""
     for decimals in range(1, _MOST_DECIMALS):
-        if all(_is_exact(length * 1e3, decimals) for length in lengths):
+        if all(_is_exact_in_decimals(length * 1e3, decimals) for length in lengths):
             return decimals
     return _MOST_DECIMALS
 
 
-def _is_exact(value: float, decimals: int) -> bool:
+def _is_exact_in_decimals(value: float, decimals: int) -> bool:
     """Tell whether decimals print a value exactly."""
     return abs(round(value, decimals) - value) < _EXACT
 
@@ -53,14 +53,16 @@ def format_millimetres(length: float, decimals: int) -> str:
     return text
 
 
-def format_limits(nominal: float, lower: float, upper: float, quantity: str = "length") -> str:
+def format_size_with_deviations(
+    nominal: float, lower_deviation: float, upper_deviation: float, quantity: str = "length"
+) -> str:
     """Write nominal and deviations as on a drawing.
 
     It writes ``0.010 ±0.001``, ``0.000 +0.002/0`` or ``16° ±1°``.
 
     Parameters
     ----------
-    nominal, lower, upper : float
+    nominal, lower_deviation, upper_deviation : float
         Nominal value and its signed deviations [m or rad].
     quantity : str
         ``"length"`` or ``"angle"``.
@@ -70,18 +72,21 @@ def format_limits(nominal: float, lower: float, upper: float, quantity: str = "l
     str
         Lengths in millimetres, angles in degrees.
     """
-    is_symmetric = abs(upper + lower) < _ZERO
+    is_symmetric = abs(upper_deviation + lower_deviation) < _ZERO
     if quantity == "angle":
         value = _format_degrees(nominal)
-        high = _format_degrees(upper)
+        high = _format_degrees(upper_deviation)
         if is_symmetric:
             return f"{value} ±{high}"
-        return f"{value} +{high}/{_format_degrees(lower)}"
-    decimals = choose_decimals(nominal, lower, upper)
+        return f"{value} +{high}/{_format_degrees(lower_deviation)}"
+    decimals = choose_decimals(nominal, lower_deviation, upper_deviation)
     value = format_millimetres(nominal, decimals)
     if is_symmetric:
-        return f"{value} ±{format_millimetres(upper, decimals)}"
-    return f"{value} {_format_deviation(upper, decimals)}/{_format_deviation(lower, decimals)}"
+        return f"{value} ±{format_millimetres(upper_deviation, decimals)}"
+    return (
+        f"{value} {_format_deviation(upper_deviation, decimals)}/"
+        f"{_format_deviation(lower_deviation, decimals)}"
+    )
 
 
 def _format_degrees(radians: float) -> str:
@@ -114,14 +119,14 @@ def describe_default_demands(part: Part) -> str:
     return f"Defaults, not stated in the order: {', '.join(names)}."
 
 
-def make_sheet_table(part: Part, measured: Values | None = None) -> Table:
+def make_inspection_sheet_table(part: Part, measured_values: Values | None = None) -> Table:
     """Make the table of the inspection sheet, all its cells as texts.
 
     Parameters
     ----------
     part : Part
         What is inspected.
-    measured : mapping, optional
+    measured_values : mapping, optional
         Measured values, their standard uncertainties and verdicts, by key.
 
     Returns
@@ -131,12 +136,12 @@ def make_sheet_table(part: Part, measured: Values | None = None) -> Table:
     """
     import pandas as pd  # a scan is inspected without it
 
-    values = measured or {}
+    values = measured_values or {}
     rows = []
     for number, characteristic in enumerate(part.characteristics(), start=1):
-        nominal, low, high = _format_sizes(characteristic)
+        nominal, low, high = _format_nominal_and_limits(characteristic)
         unit = "deg" if characteristic.quantity == "angle" else "mm"
-        mean, std, verdict = _format_measured(characteristic, values)
+        mean, std, verdict = _format_measured_result(characteristic, values)
         rows.append(
             (
                 str(number),
@@ -156,7 +161,7 @@ def make_sheet_table(part: Part, measured: Values | None = None) -> Table:
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
-def _format_sizes(characteristic: Characteristic) -> tuple[str, str, str]:
+def _format_nominal_and_limits(characteristic: Characteristic) -> tuple[str, str, str]:
     """Write nominal, lower and upper limit in mm or degrees; of a form only the upper one."""
     nominal = characteristic.nominal
     sizes = (nominal, nominal + characteristic.lower, nominal + characteristic.upper)
@@ -170,9 +175,11 @@ def _format_sizes(characteristic: Characteristic) -> tuple[str, str, str]:
     return value, low, high
 
 
-def _format_measured(characteristic: Characteristic, values: Values) -> tuple[str, str, str]:
+def _format_measured_result(
+    characteristic: Characteristic, measured_values: Values
+) -> tuple[str, str, str]:
     """Write measured value, standard uncertainty and verdict; empty where nothing is measured."""
-    measured = values.get(characteristic.key)
+    measured = measured_values.get(characteristic.key)
     if measured is None:
         return "", "", ""
     mean, std, verdict = measured

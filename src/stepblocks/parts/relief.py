@@ -5,13 +5,13 @@ from typing import ClassVar
 
 from stepblocks.contact.relieved_step import RelievedStep, describe_least_riding_ball
 from stepblocks.parts.body import Body
-from stepblocks.parts.body_solid import compute_section_volume
+from stepblocks.parts.body_solid import compute_cutout_volume
 from stepblocks.parts.characteristics import (
     MICROSCOPE,
     Characteristic,
     FaceRule,
-    describe_plane,
     make_characteristic,
+    make_plane_rule,
 )
 from stepblocks.parts.declared import Table, declare_default, describe_breach
 from stepblocks.parts.kind import Manifold
@@ -50,13 +50,13 @@ class Relief(Table):
     depth: PositiveLength = declare_default(otherwise="0.02 mm")
 
     @property
-    def corners(self) -> list[Point]:
+    def section_corners(self) -> list[Point]:
         """Corners (x, z) of its section from the riser to the lower face [m]."""
         width = self.width.nominal
         depth = self.depth.nominal
         return [(0.0, -depth), (-width, -depth), (-width, 0.0)]
 
-    def make_characteristics(self, lower: FaceRule) -> Iterator[Characteristic]:
+    def yield_characteristics(self, lower_face: FaceRule) -> Iterator[Characteristic]:
         """Make width and depth, which hold below the lower face."""
         width = self.width.nominal
         depth = self.depth.nominal
@@ -65,8 +65,8 @@ class Relief(Table):
             "relief_width",
             "distance",
             self.width,
-            describe_plane(0, -width, z=middle),
-            describe_plane(0, 0.0, z=middle),
+            make_plane_rule(0, -width, z=middle),
+            make_plane_rule(0, 0.0, z=middle),
             label="width of the relief at the root",
             method=MICROSCOPE,
         )
@@ -74,19 +74,19 @@ class Relief(Table):
             "relief_depth",
             "distance",
             self.depth,
-            describe_plane(2, -depth, x=-0.5 * width),
-            lower,
+            make_plane_rule(2, -depth, x=-0.5 * width),
+            lower_face,
             label="depth of the relief at the root",
             method="profilometer",
         )
 
-    def compute_volume(self, body: Body) -> float:
+    def compute_removed_volume(self, body: Body) -> float:
         """Compute what it takes away, between the chamfered sides of the lower face [m^3]."""
-        return compute_section_volume(body, 0.0, [(0.0, 0.0), *self.corners])
+        return compute_cutout_volume(body, 0.0, [(0.0, 0.0), *self.section_corners])
 
-    def cut_half(self, left: Manifold) -> list[Manifold]:
+    def split_left_half(self, left_half: Manifold) -> list[Manifold]:
         """Cut the left half of a block into the piece before it and the piece under it."""
-        before, beside_riser = split_solid(left, "x", -self.width.nominal)
+        before, beside_riser = split_solid(left_half, "x", -self.width.nominal)
         under, _ = split_solid(beside_riser, "z", -self.depth.nominal)
         return [before, under]
 
@@ -106,7 +106,7 @@ class Relief(Table):
             yield describe_breach("relief.depth", rule, deepest, self.depth.nominal)
 
 
-def describe_untouched_balls(face: object) -> list[list[str]]:
+def list_untouched_ball_rows(face: object) -> list[list[str]]:
     """Return a row that says which balls do not touch the relief; no row for a plain step."""
     if not isinstance(face, RelievedStep):
         return []

@@ -71,7 +71,7 @@ def compute_revolution_volume(outline: Outline) -> float:
     closed = [*outline, outline[0]]
     for segment in _yield_segments(closed):
         if segment.middle is not None:
-            total += _integrate_arc(segment.start, segment.middle, segment.end)
+            total += _integrate_squared_radius_over_arc(segment.start, segment.middle, segment.end)
         else:
             r0, z0 = segment.start
             r1, z1 = segment.end
@@ -89,12 +89,12 @@ class _Arc:
     last: float
 
 
-def _integrate_arc(start: Point, middle: Point, end: Point) -> float:
+def _integrate_squared_radius_over_arc(start: Point, middle: Point, end: Point) -> float:
     """Integrate r^2 dz along an arc, with r = c + rho cos t and dz = rho cos t dt."""
     start_r, start_z = start
     middle_r, middle_z = middle
     end_r, end_z = end
-    arc = _find_circle(
+    arc = _find_arc_through_points(
         start,
         middle,
         end,
@@ -104,32 +104,32 @@ def _integrate_arc(start: Point, middle: Point, end: Point) -> float:
     c, _ = arc.centre
     rho = arc.radius
 
-    def antiderivative(t: float) -> float:
-        """Return the integral of rho cos t (c + rho cos t)^2."""
-        sin = math.sin(t)
-        cos = math.cos(t)
-        linear = c * rho * (t + sin * cos)
+    def antiderivative(angle: float) -> float:
+        """Return the integral of rho cos t (c + rho cos t)^2 up to an angle t."""
+        sin = math.sin(angle)
+        cos = math.cos(angle)
+        linear = c * rho * (angle + sin * cos)
         quadratic = rho * rho * (sin - sin**3 / 3.0)
         return rho * (c * c * sin + linear + quadratic)
 
     return antiderivative(arc.last) - antiderivative(arc.first)
 
 
-def _find_circle(
-    start: Point, middle: Point, end: Point, middle_excess: float, end_excess: float
+def _find_arc_through_points(
+    start: Point, middle: Point, end: Point, middle_square_excess: float, end_square_excess: float
 ) -> _Arc:
     """Find the circle through three points.
 
-    `middle_excess` and `end_excess` say by how much the squares of their distances from the origin
-    exceed that of the start [m^2].
+    `middle_square_excess` and `end_square_excess` say by how much the squares of their distances
+    from the origin exceed that of the start [m^2].
     """
     start_r, start_z = start
     # by Cramer's rule: a library's solver gives other last bits on another processor
     a, b = 2.0 * (middle[0] - start_r), 2.0 * (middle[1] - start_z)
     c, d = 2.0 * (end[0] - start_r), 2.0 * (end[1] - start_z)
     determinant = a * d - b * c
-    x = (middle_excess * d - b * end_excess) / determinant
-    z = (a * end_excess - middle_excess * c) / determinant
+    x = (middle_square_excess * d - b * end_square_excess) / determinant
+    z = (a * end_square_excess - middle_square_excess * c) / determinant
     first = math.atan2(start_z - z, start_r - x)
     half = math.atan2(middle[1] - z, middle[0] - x)
     last = math.atan2(end[1] - z, end[0] - x)
@@ -139,14 +139,14 @@ def _find_circle(
     return _Arc((x, z), math.hypot(start_r - x, start_z - z), first, last)
 
 
-def list_outline_points(outline: Outline, chord: float) -> list[Point]:
+def list_outline_points(outline: Outline, chordal_error: float) -> list[Point]:
     """List an outline as points (radius, height) [m].
 
     Parameters
     ----------
     outline : list
         Points, and pairs of middle and end of arcs.
-    chord : float
+    chordal_error : float
         Chordal error of its arcs, at most [m].
 
     Returns
@@ -157,18 +157,22 @@ def list_outline_points(outline: Outline, chord: float) -> list[Point]:
     points = [cast(Point, outline[0])]
     for segment in _yield_segments(outline):
         if segment.middle is not None:
-            points += _list_arc_points(segment.start, segment.middle, segment.end, chord)
+            points += _list_inner_arc_points(
+                segment.start, segment.middle, segment.end, chordal_error
+            )
         points.append(segment.end)
     return points
 
 
-def _list_arc_points(start: Point, middle: Point, end: Point, chord: float) -> list[Point]:
-    """List the points between both ends of an arc, for a chordal error of at most `chord` [m]."""
+def _list_inner_arc_points(
+    start: Point, middle: Point, end: Point, chordal_error: float
+) -> list[Point]:
+    """List the points between both ends of an arc, off it by `chordal_error` at most [m]."""
     start_square = math.hypot(*start) ** 2
     middle_excess = math.hypot(*middle) ** 2 - start_square
     end_excess = math.hypot(*end) ** 2 - start_square
-    arc = _find_circle(start, middle, end, middle_excess, end_excess)
-    largest_step = 2.0 * math.acos(max(1.0 - chord / arc.radius, -1.0))
+    arc = _find_arc_through_points(start, middle, end, middle_excess, end_excess)
+    largest_step = 2.0 * math.acos(max(1.0 - chordal_error / arc.radius, -1.0))
     count = max(1, math.ceil(abs(arc.last - arc.first) / largest_step))
     x, z = arc.centre
     points = []
@@ -206,13 +210,13 @@ def make_frusta(outline: Outline) -> list[Manifold]:
     return frusta
 
 
-def make_sectors(cell: Sequence[Point]) -> list[Manifold]:
+def turn_cell_into_sectors(cell_corners: Sequence[Point]) -> list[Manifold]:
     """Turn a convex cell of the half section into sectors."""
     turns = [2.0 * math.pi * sector / SECTORS for sector in range(SECTORS + 1)]
     sectors = []
     for angles in itertools.pairwise(turns):
         corners = []
-        for radius, height in cell:
+        for radius, height in cell_corners:
             for angle in angles:
                 corners.append((radius * math.cos(angle), radius * math.sin(angle), height))
         sectors.append(make_hull(corners))

@@ -15,8 +15,8 @@ from stepblocks.parts.characteristics import (
     EdgeRule,
     FaceRule,
     Rule,
-    describe_plane,
     make_characteristic,
+    make_plane_rule,
 )
 from stepblocks.parts.declared import (
     FaceDemands,
@@ -65,10 +65,10 @@ class SecondStep(Table):
             return self.height.nominal
         return -self.height.nominal
 
-    def outline(self, upper: float) -> cad.door.Outline:
-        """Outline it as (x, z) [m], from the face behind it to that before it, at `upper`."""
+    def outline_section(self, height_before: float) -> cad.door.Outline:
+        """Outline it as (x, z) [m], from the face behind it to that before it."""
         x = self.distance.nominal
-        behind = upper + self.rise
+        behind = height_before + self.rise
         radius = self.edge_radius.nominal
         sharp_root = radius < self.height.nominal
         bow = radius * (1.0 - math.sqrt(0.5))
@@ -78,18 +78,18 @@ class SecondStep(Table):
             if radius > 0.0:
                 outline.append(((x + bow, behind - bow), (x, behind - radius)))
             if sharp_root:
-                outline.append((x, upper))
+                outline.append((x, height_before))
             return outline
         outline = []
         if sharp_root:
             outline.append((x, behind))
-        outline.append((x, upper - radius))
+        outline.append((x, height_before - radius))
         if radius > 0.0:
-            outline.append(((x - bow, upper - bow), (x - radius, upper)))
+            outline.append(((x - bow, height_before - bow), (x - radius, height_before)))
         return outline
 
     @property
-    def corners(self) -> tuple[float, ...]:
+    def corner_positions(self) -> tuple[float, ...]:
         """Where the surface has corners at it [m]."""
         x = self.distance.nominal
         radius = self.edge_radius.nominal
@@ -107,21 +107,26 @@ class SecondStep(Table):
             return step.heights(past)
         return step.heights(-past) - self.height.nominal
 
-    def compute_top(self, x: float, upper: float) -> float:
+    def compute_surface_height(self, x: float, height_before: float) -> float:
         """Compute the height of the surface at `x` [m], right of the first edge's rounding."""
         radius = self.edge_radius.nominal
-        behind = upper + self.rise
+        behind = height_before + self.rise
         past = x - self.distance.nominal
         if self.direction == "up":
             if past < 0.0:
-                return upper
-            return behind - radius + _compute_sagitta(past, radius)
+                return height_before
+            return behind - radius + _compute_arc_rise(past, radius)
         if past >= 0.0:
             return behind
-        return upper - radius + _compute_sagitta(-past, radius)
+        return height_before - radius + _compute_arc_rise(-past, radius)
 
-    def make_characteristics(
-        self, body: Body, demands: FaceDemands, upper: FaceRule, height: float, first: Rule | None
+    def yield_characteristics(
+        self,
+        body: Body,
+        demands: FaceDemands,
+        face_before: FaceRule,
+        height_before: float,
+        first_riser: Rule | None,
     ) -> Iterator[Characteristic]:
         """Make what is asked of it, with the keys of a first edge after `SECOND`.
 
@@ -131,11 +136,11 @@ class SecondStep(Table):
             The block without its steps.
         demands : dict of str to Dimension
             Demands on the face behind it.
-        upper : FaceRule
+        face_before : FaceRule
             The face before it.
-        height : float
+        height_before : float
             Of that face over the lower one [m].
-        first : FaceRule or None
+        first_riser : FaceRule or None
             Riser of the first step; None where it is all rounding.
 
         Yields
@@ -143,40 +148,42 @@ class SecondStep(Table):
         Characteristic
         """
         x = self.distance.nominal
-        behind = describe_plane(2, height + self.rise, x=0.5 * (x + body.half_length))
-        middle = height + 0.5 * self.rise
+        behind = make_plane_rule(2, height_before + self.rise, x=0.5 * (x + body.half_length))
+        middle = height_before + 0.5 * self.rise
         wall = None
         if self.edge_radius.nominal < self.height.nominal:
-            wall = describe_plane(0, x, z=self._find_riser_middle(height))
+            wall = make_plane_rule(0, x, z=self._find_riser_middle(height_before))
         yield make_characteristic(
             "second_step_height",
             "distance",
             self.height,
-            upper,
+            face_before,
             behind,
             label=f"second step height, {self.direction}",
             method=PROFILE,
         )
-        yield self._state_edge_radius(x, middle, upper, behind)
-        if wall is not None and first is not None:
+        yield self._make_edge_radius_characteristic(x, middle, face_before, behind)
+        if wall is not None and first_riser is not None:
             yield make_characteristic(
                 "second_step_distance",
                 "distance",
                 self.distance,
-                first,
+                first_riser,
                 wall,
                 label="second edge from the working edge",
                 method="profilometer",
             )
-        yield from self._yield_face_demands(body, demands, behind, wall, upper)
+        yield from self._yield_face_and_edge_characteristics(
+            body, demands, behind, wall, face_before
+        )
 
-    def _state_edge_radius(
-        self, x: float, middle: float, upper: FaceRule, behind: FaceRule
+    def _make_edge_radius_characteristic(
+        self, x: float, riser_middle: float, face_before: FaceRule, face_behind: FaceRule
     ) -> Characteristic:
         """State the radius of its edge at `x`, whose riser has its middle at a height [m]."""
         radius = self.edge_radius.nominal
-        high = behind if self.direction == "up" else upper
-        edge: Rule = EdgeRule(describe_plane(0, x, z=middle), high)
+        high = face_behind if self.direction == "up" else face_before
+        edge: Rule = EdgeRule(make_plane_rule(0, x, z=riser_middle), high)
         if radius > 0.0:
             side = 0.5 if self.direction == "up" else -0.5
             edge = FaceRule("CYLINDER", radius=radius, holds={0: x + side * radius})
@@ -188,18 +195,18 @@ class SecondStep(Table):
             method="profilometer, arc fit",
         )
 
-    def _find_riser_middle(self, height: float) -> float:
+    def _find_riser_middle(self, height_before: float) -> float:
         """Find the middle of its riser under the rounding [m]; the face before it at a height."""
-        low = min(height, height + self.rise)
+        low = min(height_before, height_before + self.rise)
         return low + 0.5 * (self.height.nominal - self.edge_radius.nominal)
 
-    def _yield_face_demands(
+    def _yield_face_and_edge_characteristics(
         self,
         body: Body,
         demands: FaceDemands,
-        behind: FaceRule,
-        wall: FaceRule | None,
-        upper: FaceRule,
+        face_behind: FaceRule,
+        riser: FaceRule | None,
+        face_before: FaceRule,
     ) -> Iterator[Characteristic]:
         """Yield form of the face behind it, and burr, angle and straightness of its edge."""
         chamfer = body.edge_break.nominal
@@ -208,12 +215,14 @@ class SecondStep(Table):
             body.width.nominal - 2.0 * chamfer,
         )
         # the datum A of parallelism is the lower face of the block
-        lower = describe_plane(2, 0.0, x=-0.5 * body.half_length)
-        for form in make_form_characteristics(demands, lower, behind, "lower face", "second face"):
+        lower = make_plane_rule(2, 0.0, x=-0.5 * body.half_length)
+        for form in make_form_characteristics(
+            demands, lower, face_behind, "lower face", "second face"
+        ):
             if form.key != "flatness_lower":
                 yield replace(form, key=SECOND + form.key, extent=extent)
-        foot = upper if self.direction == "up" else behind
-        for state in make_edge_characteristics(demands["burr"], wall, foot):
+        foot = face_before if self.direction == "up" else face_behind
+        for state in make_edge_characteristics(demands["burr"], riser, foot):
             yield replace(state, key=SECOND + state.key, label=f"second edge: {state.label}")
 
     def yield_breaches(self, body: Body, step_height: float) -> Iterator[str]:
@@ -248,8 +257,8 @@ class SecondStep(Table):
             )
 
 
-def _compute_sagitta(run: float, radius: float) -> float:
+def _compute_arc_rise(distance_from_riser: float, radius: float) -> float:
     """Compute how high an arc has risen after a run from its riser [m]: its radius at the end."""
-    if run >= radius:
+    if distance_from_riser >= radius:
         return radius
-    return math.sqrt(run * (2.0 * radius - run))
+    return math.sqrt(distance_from_riser * (2.0 * radius - distance_from_riser))

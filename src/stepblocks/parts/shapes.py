@@ -151,12 +151,12 @@ def _lift_vertices(
         return raw.vertices
     corners = raw.vertices[raw.triangles]
     areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    directions = _average_normals(raw, areas, is_coarse)
-    _project_onto_planes(directions, raw, areas, np.flatnonzero(~is_curved))
+    directions = _average_coarse_normals(raw, areas, is_coarse)
+    _project_directions_onto_planes(directions, raw, areas, np.flatnonzero(~is_curved))
     is_fine = is_curved & ~is_coarse
     fine_vertices = np.unique(raw.triangles[is_fine[raw.face]])
     directions[fine_vertices] = 0.0
-    return _lift_to_volume(raw, directions, volume)
+    return _lift_vertices_to_volume(raw, directions, volume)
 
 
 def _find_coarse_faces(
@@ -176,7 +176,7 @@ def _find_coarse_faces(
     return is_curved
 
 
-def _average_normals(
+def _average_coarse_normals(
     raw: cad.door.Tessellation, areas: NDArray[np.float64], is_coarse: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
     """Average the normals of the coarse faces at each vertex, weighted by area.
@@ -194,17 +194,17 @@ def _average_normals(
     return directions
 
 
-def _project_onto_planes(
+def _project_directions_onto_planes(
     directions: NDArray[np.float64],
     raw: cad.door.Tessellation,
     areas: NDArray[np.float64],
-    planes: NDArray[np.intp],
+    plane_indices: NDArray[np.intp],
 ) -> None:
     """Keep the directions of vertices within the plane faces that they also lie on, in place.
 
-    `planes` are the indices of the plane faces.
+    `plane_indices` are the indices of the plane faces.
     """
-    for index in planes:
+    for index in plane_indices:
         on_face = raw.face == index
         area = areas[on_face].sum(axis=0)
         normal = area / math.sqrt(math.fsum((area * area).tolist()))
@@ -213,7 +213,7 @@ def _project_onto_planes(
         directions[touched] -= out_of_plane * normal
 
 
-def _lift_to_volume(
+def _lift_vertices_to_volume(
     raw: cad.door.Tessellation, directions: NDArray[np.float64], volume: float
 ) -> NDArray[np.float64]:
     """Solve for the lift by Newton's rule; the volume is a cubic of it, and nearly linear.
@@ -271,12 +271,12 @@ def split_solid(solid: Manifold, axis: str, position: float) -> tuple[Manifold, 
     return below, above
 
 
-def _make_sorted_mesh(name: str, piece: Manifold) -> Mesh:
+def _make_sorted_mesh(name: str, manifold: Manifold) -> Mesh:
     """Make a mesh [m] of a manifold [mm], its vertices and triangles sorted.
 
     The order of a hull varies with its threads.
     """
-    mesh = piece.to_mesh64()
+    mesh = manifold.to_mesh64()
     points = np.asarray(mesh.vert_properties)[:, :3]
     vertices, index = np.unique(points, axis=0, return_inverse=True)
     triangles = index.reshape(-1)[np.asarray(mesh.tri_verts).astype(np.int64)]

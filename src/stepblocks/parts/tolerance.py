@@ -64,14 +64,14 @@ class Origin(Enum):
     PYTHON = "Python"
 
 
-def find_origin(info: ValidationInfo) -> Origin:
+def find_declared_origin(info: ValidationInfo) -> Origin:
     """Return who declares what pydantic validates; it is a file where nobody says."""
     if info.context is Origin.PYTHON:
         return Origin.PYTHON
     return Origin.FILE
 
 
-def parse_declared(raw: object, quantity: str, origin: Origin) -> float:
+def parse_declared_quantity(raw: object, quantity: str, origin: Origin) -> float:
     """Read a quantity in SI; a number without a unit is allowed from Python alone.
 
     Raises
@@ -88,7 +88,7 @@ def parse_declared(raw: object, quantity: str, origin: Origin) -> float:
     return value
 
 
-def parse_plausible(raw: object, quantity: str, origin: Origin = Origin.FILE) -> float:
+def parse_plausible_quantity(raw: object, quantity: str, origin: Origin = Origin.FILE) -> float:
     """Read a quantity in SI and check that its size is plausible on a bench.
 
     Raises
@@ -96,7 +96,7 @@ def parse_plausible(raw: object, quantity: str, origin: Origin = Origin.FILE) ->
     QuantityError
         If the text is no such quantity, or its value is implausibly small or large.
     """
-    value = parse_declared(raw, quantity, origin)
+    value = parse_declared_quantity(raw, quantity, origin)
     sensible = _SENSIBLE.get(quantity, _ANYTHING)
     if abs(value) > sensible.largest:
         largest = format_quantity(sensible.largest, quantity)
@@ -196,12 +196,12 @@ def _format_deviation(deviation: float, quantity: str) -> str:
     return text
 
 
-def find_general_deviation(nominal: float) -> float | None:
+def find_general_deviation(nominal_length: float) -> float | None:
     """Find the deviation of ISO 2768-m for a length [m]; None below 0.5 mm, above 400 mm."""
-    if nominal < _LEAST_GENERAL_LENGTH:
+    if nominal_length < _LEAST_GENERAL_LENGTH:
         return None
     for row in _GENERAL_TOLERANCES:
-        if nominal <= row.up_to:
+        if nominal_length <= row.up_to:
             return row.deviation
     return None
 
@@ -223,7 +223,7 @@ def _read_deviations(raw: object, quantity: str, origin: Origin) -> _Deviations:
         upper = parse_quantity(match["upper"], quantity)
         lower = parse_quantity(match["lower"], quantity)
     else:
-        upper = parse_declared(raw, quantity, origin)
+        upper = parse_declared_quantity(raw, quantity, origin)
         if not upper > 0.0:
             raise QuantityError(f"tolerance must be positive, got {raw!r}")
         lower = -upper
@@ -248,8 +248,8 @@ def _read_dimension(raw: object, quantity: str, origin: Origin) -> Dimension:
     nominal_raw = table.get("nominal")
     if isinstance(nominal_raw, Dimension):
         return nominal_raw
-    _check_dimension_fields(table)
-    nominal = parse_plausible(nominal_raw, quantity, origin)
+    _refuse_wrong_dimension_fields(table)
+    nominal = parse_plausible_quantity(nominal_raw, quantity, origin)
     source = table.get("source", "")
     if not isinstance(source, str):
         raise ValueError(f"source must be text, got {source!r}")
@@ -270,7 +270,7 @@ def _read_dimension(raw: object, quantity: str, origin: Origin) -> Dimension:
     )
 
 
-def _check_dimension_fields(table: dict[str, object]) -> None:
+def _refuse_wrong_dimension_fields(table: dict[str, object]) -> None:
     """Refuse a table that has unknown names or no nominal value."""
     mistake = ""
     unknown = set(table) - {"nominal", "tolerance", "otherwise", "source"}
@@ -282,18 +282,18 @@ def _check_dimension_fields(table: dict[str, object]) -> None:
         raise ValueError(f"a dimension has nominal, tolerance and source: {mistake}")
 
 
-def _make_validator(
-    quantity: str, *, accepts: Callable[[float], bool] | None = None, rule: str = ""
+def _make_dimension_validator(
+    quantity: str, *, accepts_nominal: Callable[[float], bool] | None = None, rule: str = ""
 ) -> BeforeValidator:
     """Make a validator of a dimension whose nominal value must be accepted; `rule` says when."""
 
     def read_accepted_dimension(raw: object, info: ValidationInfo) -> Dimension:
         """Read a dimension, and refuse one whose nominal value is not accepted."""
-        dimension = _read_dimension(raw, quantity, find_origin(info))
-        if accepts is None:
+        dimension = _read_dimension(raw, quantity, find_declared_origin(info))
+        if accepts_nominal is None:
             return dimension
         nominal = dimension.nominal
-        if not accepts(nominal):
+        if not accepts_nominal(nominal):
             raise QuantityError(f"must {rule}, got {format_quantity(nominal, quantity)}")
         if quantity == "length" and 0.0 < nominal < -dimension.lower:
             raise ValueError(
@@ -305,31 +305,32 @@ def _make_validator(
     return BeforeValidator(read_accepted_dimension)
 
 
-def _is_not_negative(value: float) -> bool:
+def _is_not_negative(nominal: float) -> bool:
     """Tell whether a nominal value is 0 or positive."""
-    return value >= 0.0
+    return nominal >= 0.0
 
 
-def _is_positive(value: float) -> bool:
+def _is_positive(nominal: float) -> bool:
     """Tell whether a nominal value is positive."""
-    return value > 0.0
+    return nominal > 0.0
 
 
-def _is_angle_below_pi(value: float) -> bool:
+def _is_angle_below_pi(angle: float) -> bool:
     """Tell whether an angle [rad] is from 0 to below pi."""
-    return 0.0 <= value < math.pi
+    return 0.0 <= angle < math.pi
 
 
 Length = Annotated[
-    Dimension, _make_validator("length", accepts=_is_not_negative, rule="not be negative")
+    Dimension,
+    _make_dimension_validator("length", accepts_nominal=_is_not_negative, rule="not be negative"),
 ]
 PositiveLength = Annotated[
-    Dimension, _make_validator("length", accepts=_is_positive, rule="be positive")
+    Dimension, _make_dimension_validator("length", accepts_nominal=_is_positive, rule="be positive")
 ]
-SignedLength = Annotated[Dimension, _make_validator("length")]
+SignedLength = Annotated[Dimension, _make_dimension_validator("length")]
 Angle = Annotated[
     Dimension,
-    _make_validator(
-        "angle", accepts=_is_angle_below_pi, rule="be at least 0 and less than 180 deg"
+    _make_dimension_validator(
+        "angle", accepts_nominal=_is_angle_below_pi, rule="be at least 0 and less than 180 deg"
     ),
 ]

@@ -13,7 +13,7 @@ from stepblocks.contact.uncertainty import Interval
 from stepblocks.declaration.set import StimulusSet
 from stepblocks.errors import PipelineError
 from stepblocks.parts.kind import Part
-from stepblocks.parts.kinds.step_block import find_second_step
+from stepblocks.parts.kinds.step_block import get_second_step
 from stepblocks.parts.second_step import SECOND
 from stepblocks.parts.tolerance import Dimension
 from stepblocks.predict.columns import Cell
@@ -130,7 +130,7 @@ def _replace_nominal(part: Part, record: AsBuilt | None) -> Part:
     source = f"as built, {record.scan}"
     first = _find_measured_sizes(record.contact_height, record.values.get("edge_radius"))
     update: dict[str, object] = {**_make_measured_sizes(part.sizes, first, source)}
-    second_step = find_second_step(part)
+    second_step = get_second_step(part)
     if second_step is not None:
         radius = record.values.get("second_edge_radius")
         second = _find_measured_sizes(record.second_contact_height, radius)

@@ -114,14 +114,14 @@ class LoopFinding:
     rivals: tuple[FoundEffect, ...] = ()
     next_experiment: AskedExperiment | None = None
 
-    def has_effect(self, name: str) -> bool:
+    def has_effect(self, effect_name: str) -> bool:
         """Tell whether an effect of that name was found, or is a rival."""
-        return any(found.variant == name for found in (*self.effects, *self.rivals))
+        return any(found.variant == effect_name for found in (*self.effects, *self.rivals))
 
-    def find_covariate(self, effect: str) -> str:
+    def find_covariate(self, effect_name: str) -> str:
         """Return what an effect follows; empty where it is neither found nor a rival."""
         for found in (*self.effects, *self.rivals):
-            if found.variant == effect:
+            if found.variant == effect_name:
                 return found.covariate
         return ""
 
@@ -129,7 +129,7 @@ class LoopFinding:
 _FINDING = TypeAdapter(LoopFinding)
 
 
-def read_finding(output: Path) -> LoopFinding:
+def read_loop_finding(output: Path) -> LoopFinding:
     """Read what a loop found from the folder that it wrote.
 
     Raises
@@ -147,7 +147,7 @@ def read_finding(output: Path) -> LoopFinding:
         raise PipelineError(texts.NO_LOOP_RESULT.format(path=path)) from error
 
 
-def list_agreements(session: Path, output: Path) -> list[TrialAgreement]:
+def list_trial_agreements(session: Path, output: Path) -> list[TrialAgreement]:
     """List the ratios of measured to predicted figures, by the model of a session's loop.
 
     Parameters
@@ -178,26 +178,26 @@ def list_agreements(session: Path, output: Path) -> list[TrialAgreement]:
         trial = str(escape_formula(str(row["trial"])))  # as the features name it
         if trial not in measured:
             continue
-        nominal = dict(_compute_ratios(measured[trial], row, "nominal_"))
-        extended = dict(_compute_ratios(measured[trial], row, ""))
+        nominal = dict(_yield_ratios_to_prediction(measured[trial], row, "nominal_"))
+        extended = dict(_yield_ratios_to_prediction(measured[trial], row, ""))
         if nominal or extended:
             block = str(measured[trial].get("block", ""))
             agreements.append(TrialAgreement(trial, block, nominal, extended))
     return agreements
 
 
-def _compute_ratios(
-    measured: Mapping[Hashable, object], predicted: Mapping[Hashable, object], prefix: str
+def _yield_ratios_to_prediction(
+    measured: Mapping[Hashable, object], predicted: Mapping[Hashable, object], column_prefix: str
 ) -> Iterator[tuple[Figure, float]]:
     """Yield each figure as measured over as predicted, where both are positive numbers."""
     for figure in Figure:
-        numerator = _read_positive(measured.get(figure.value))
-        denominator = _read_positive(predicted.get(f"{prefix}{figure.value}"))
+        numerator = _read_positive_number(measured.get(figure.value))
+        denominator = _read_positive_number(predicted.get(f"{column_prefix}{figure.value}"))
         if numerator is not None and denominator is not None:
             yield figure, numerator / denominator
 
 
-def _read_positive(cell: object) -> float | None:
+def _read_positive_number(cell: object) -> float | None:
     """Return the number of a cell; None where it holds none, or none above zero."""
     if not isinstance(cell, int | float) or not math.isfinite(cell) or cell <= 0.0:
         return None

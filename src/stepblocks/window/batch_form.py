@@ -14,10 +14,14 @@ from stepblocks.files.atomic import replace_text
 from stepblocks.files.tables import escape_formula
 from stepblocks.files.text import is_file
 from stepblocks.window import texts
-from stepblocks.window.command_line import ShownCommand, format_call, protect_leading_hyphen
+from stepblocks.window.command_line import (
+    ShownCommand,
+    format_function_call,
+    protect_leading_hyphen,
+)
 from stepblocks.window.folder import Folder, Kind
 from stepblocks.window.frame import compute_in_background, show_mistake
-from stepblocks.window.job_view import Runnable, show_page
+from stepblocks.window.job_view import Runnable, show_embedded_page
 from stepblocks.window.jobs import Job, JobList
 
 _COLUMNS = ("scan", "stimulus", "block")
@@ -44,7 +48,7 @@ class ListedScan:
     serial: str
 
 
-def format_list(scans: Sequence[ListedScan]) -> str:
+def format_scan_list(scans: Sequence[ListedScan]) -> str:
     """Write the list of scans that the command takes.
 
     Raises
@@ -66,9 +70,9 @@ def format_list(scans: Sequence[ListedScan]) -> str:
     return buffer.getvalue()
 
 
-def write_list(folder: Folder, name: str, scans: Sequence[ListedScan]) -> None:
+def write_scan_list(folder: Folder, name: str, scans: Sequence[ListedScan]) -> None:
     """Write the list of scans into the folder, over an earlier list and over nothing else."""
-    text = format_list(scans)
+    text = format_scan_list(scans)
     path = folder.resolve(name)
     if is_file(path):
         with path.open(encoding="utf-8", errors="replace") as file:
@@ -89,7 +93,7 @@ def make_batch_command(name: str, stimuli: str, unit: str, stylus: str) -> Shown
     python = ""
     if not stylus:
         options = {"unit": unit} if unit else {}
-        call = format_call("inspect_many", name, stimuli=stimuli, **options)
+        call = format_function_call("inspect_many", name, stimuli=stimuli, **options)
         result = call.replace("\n\n", "\n\nresult = ", 1)
         python = f"{result}\nstepblocks.write_many(result, {output!r})"
     return ShownCommand(texts.INSPECT_BATCH, tuple(words), python, f"{output}/{_PAGE}")
@@ -116,7 +120,9 @@ class BatchForm:
 
     def build(self) -> None:
         """Make the fields, behind a fold."""
-        with ui.expansion(texts.BATCH, on_value_change=self.refresh).classes("w-full") as fold:
+        with ui.expansion(texts.BATCH, on_value_change=self.refresh_offered_files).classes(
+            "w-full"
+        ) as fold:
             fold.mark("batch")
             ui.label(texts.BATCH_HELP.format(folder=self._scans))
             with ui.element("div").classes("fields"):
@@ -125,12 +131,12 @@ class BatchForm:
                 self._unit = ui.input(texts.UNIT)
                 self._stylus = ui.input(texts.STYLUS)
             self._rows = ui.column().classes("w-full")
-            ui.button(texts.WRITE_LIST, on_click=self._write_list).props("no-caps")
+            ui.button(texts.WRITE_LIST, on_click=self._write_list_and_show_command).props("no-caps")
             self._command = ui.column().classes("w-full")
         self._stimuli.classes("w-full").mark("batch-stimuli").on_value_change(self._offer_parts)
-        self._chosen.classes("w-full").mark("batch-scans").on_value_change(self._show_rows)
+        self._chosen.classes("w-full").mark("batch-scans").on_value_change(self._show_scan_rows)
 
-    def refresh(self) -> None:
+    def refresh_offered_files(self) -> None:
         """Offer what lies in the folder now."""
         entries = self._folder.list_entries()
         files = [entry.name for entry in entries if entry.kind is Kind.STIMULI]
@@ -158,9 +164,9 @@ class BatchForm:
         except StepblocksError as error:
             with self._command:
                 show_mistake(error)
-        self._show_rows()
+        self._show_scan_rows()
 
-    def _show_rows(self) -> None:
+    def _show_scan_rows(self) -> None:
         """Show a row for each chosen scan; what was answered stays."""
         serials = {name: str(field.value or "") for name, field in self._serials.items()}
         parts = {name: field.value for name, field in self._parts.items()}
@@ -182,7 +188,7 @@ class BatchForm:
                     self._serials[name].mark(f"serial-{name}")
                     self._parts[name].classes("min-w-[240px]").mark(f"part-{name}")
 
-    def _write_list(self) -> None:
+    def _write_list_and_show_command(self) -> None:
         """Write the list, and show the command that judges its scans."""
         self._command.clear()
         name = f"{self._scans}/{_LIST}"
@@ -192,7 +198,7 @@ class BatchForm:
             listed.append(ListedScan(scan, part, str(field.value or "").strip()))
         with self._command:
             try:
-                write_list(self._folder, name, listed)
+                write_scan_list(self._folder, name, listed)
             except StepblocksError as error:
                 show_mistake(error)
                 return
@@ -203,8 +209,10 @@ class BatchForm:
                 str(self._unit.value or "").strip(),
                 str(self._stylus.value or "").strip(),
             )
-            Runnable(command, self._folder, self._jobs, self._show_page)
+            Runnable(command, self._folder, self._jobs, self._show_inspections_page)
 
-    def _show_page(self, job: Job) -> None:
+    def _show_inspections_page(self, job: Job) -> None:
         """Show the page of all serial numbers."""
-        show_page(self._folder, job.command.page, texts.REPORT_OF.format(title=texts.INSPECT_BATCH))
+        show_embedded_page(
+            self._folder, job.command.page, texts.REPORT_OF.format(title=texts.INSPECT_BATCH)
+        )

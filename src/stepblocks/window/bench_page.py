@@ -11,15 +11,15 @@ from stepblocks.window import texts
 from stepblocks.window.agreement import RESULT_FILE
 from stepblocks.window.declaration_check import DeclarationCheck
 from stepblocks.window.folder import Entry, Folder, Kind
-from stepblocks.window.folder_drop import take_folders
+from stepblocks.window.folder_drop import accept_dropped_folders
 from stepblocks.window.frame import compute_in_background, show_heading, show_mistake
 from stepblocks.window.gate import LARGEST_UPLOAD, make_size_error
-from stepblocks.window.job_view import Runnable, show_page
+from stepblocks.window.job_view import Runnable, show_embedded_page
 from stepblocks.window.jobs import Job, JobList
 from stepblocks.window.loop_view import LoopView
 from stepblocks.window.session_files import SETTINGS, SessionDraft, Setting, unpack_session
 from stepblocks.window.suggestions import suggest_commands
-from stepblocks.window.trace_picture import TracePicture, draw_trace
+from stepblocks.window.trace_picture import TracePicture, read_and_draw_trace
 
 _LOOP = "loop"  # the command
 _SESSIONS = "sessions"  # folder that dropped sessions are put into
@@ -52,9 +52,11 @@ class BenchForm:
         upload = ui.upload(
             label=texts.DROP_SESSION, max_file_size=LARGEST_UPLOAD, auto_upload=True
         ).mark("drop")
-        upload.on_upload(self._take_archive)
+        upload.on_upload(self._unpack_dropped_archive)
         upload.on_rejected(lambda: self._show_refusal(make_size_error()))
-        take_folders(upload, lambda: self._show_refusal(PipelineError(texts.FOLDER_UNREAD)))
+        accept_dropped_folders(
+            upload, lambda: self._show_refusal(PipelineError(texts.FOLDER_UNREAD))
+        )
         names = self._get_session_names()
         first = session or next(iter(names), "")
         with ui.row().classes("items-center"):
@@ -69,11 +71,11 @@ class BenchForm:
         """Return the names of the sessions in the folder."""
         return self._folder.list_names(Kind.SESSION)
 
-    async def _take_archive(self, event: events.UploadEventArguments) -> None:
+    async def _unpack_dropped_archive(self, event: events.UploadEventArguments) -> None:
         """Unpack a dropped archive into the folder, and open it."""
         self._place.clear()
         try:
-            name = self.name_session(event.file.name)
+            name = self.choose_session_folder(event.file.name)
             content = await event.file.read()
             target = self._folder.resolve(name)
             await compute_in_background(self._place, unpack_session, content, target)
@@ -90,7 +92,7 @@ class BenchForm:
         with self._place:
             show_mistake(error)
 
-    def name_session(self, given: str) -> str:
+    def choose_session_folder(self, archive_name: str) -> str:
         """Return the folder of a session for a dropped archive.
 
         Raises
@@ -98,7 +100,7 @@ class BenchForm:
         PipelineError
             If it is no zip file by its name, or its name leads elsewhere.
         """
-        name = PurePosixPath(given.replace("\\", "/"))
+        name = PurePosixPath(archive_name.replace("\\", "/"))
         stem = name.stem
         if name.suffix.lower() != ".zip" or not stem or stem.startswith("."):
             raise PipelineError(texts.NO_ARCHIVE.format(name=name.name))
@@ -123,7 +125,7 @@ class BenchForm:
         unread = None
         try:
             if trace is not None:
-                picture = await compute_in_background(self._place, draw_trace, trace)
+                picture = await compute_in_background(self._place, read_and_draw_trace, trace)
         except StepblocksError as error:  # the settings may say why
             unread = error
         with self._place:
@@ -131,8 +133,8 @@ class BenchForm:
                 show_mistake(unread)
             self._show_settings(draft, picture, name)
             for command in suggest_commands(Entry(name, Kind.SESSION)):
-                Runnable(command, self._folder, self._jobs, self._show_result)
-            await self._show_loop_before(name)
+                Runnable(command, self._folder, self._jobs, self._show_loop_result)
+            await self._show_earlier_loop(name)
 
     def _show_settings(self, draft: SessionDraft, picture: TracePicture | None, name: str) -> None:
         """Show the fields of the settings; beside them the first trace, and what traces say."""
@@ -160,7 +162,7 @@ class BenchForm:
                     image.props(f'alt="{texts.TRACE_PICTURE}"')
                 check = DeclarationCheck(name, self._folder, self._jobs)
                 check.build()
-        button.on_click(lambda: self._save(draft, place, check))
+        button.on_click(lambda: self._save_settings(draft, place, check))
 
     def _add_field(self, draft: SessionDraft, setting: Setting, columns: list[str]) -> None:
         """Add the field of a setting; a column is chosen among those of the trace, or typed."""
@@ -181,7 +183,9 @@ class BenchForm:
                 field.props(f'aria-label="{setting.path[-1]}: {setting.label}"')
         self._fields[setting.name] = field.classes("w-full").mark(setting.name)
 
-    def _save(self, draft: SessionDraft, place: ui.element, check: DeclarationCheck) -> None:
+    def _save_settings(
+        self, draft: SessionDraft, place: ui.element, check: DeclarationCheck
+    ) -> None:
         """Save the settings, and say what is still wrong with the session."""
         place.clear()
         with place:
@@ -190,12 +194,12 @@ class BenchForm:
                     draft.write_setting(setting, str(self._fields[setting.name].value or ""))
                 draft.save()
                 ui.label(texts.SAVED.format(name=draft.folder.name)).props("role=status")
-                check.update()
+                check.show_latest_result()
                 open_session(draft.folder)
             except StepblocksError as error:
                 show_mistake(error)
 
-    async def _show_result(self, job: Job) -> None:
+    async def _show_loop_result(self, job: Job) -> None:
         """Show what a loop found, and its report; of a measured session there is no more."""
         if job.command.words[0] != _LOOP:
             return
@@ -203,9 +207,9 @@ class BenchForm:
         if not is_file(self._folder.resolve(report)):
             return
         await self._show_loop(job.command.words[1], PurePosixPath(report).parent.as_posix())
-        show_page(self._folder, report, texts.REPORT_OF.format(title=job.command.title))
+        show_embedded_page(self._folder, report, texts.REPORT_OF.format(title=job.command.title))
 
-    async def _show_loop_before(self, session: str) -> None:
+    async def _show_earlier_loop(self, session: str) -> None:
         """Show what a loop found before the window was opened, where it has."""
         for command in suggest_commands(Entry(session, Kind.SESSION)):
             output = PurePosixPath(command.page).parent.as_posix()

@@ -7,12 +7,21 @@ from nicegui import ui
 from stepblocks.build.run import BuildChanges, find_changes
 from stepblocks.errors import StepblocksError
 from stepblocks.window import texts
-from stepblocks.window.command_line import ShownCommand, format_call, protect_leading_hyphen
+from stepblocks.window.command_line import (
+    ShownCommand,
+    format_function_call,
+    protect_leading_hyphen,
+)
 from stepblocks.window.folder import OUTPUT, Folder, Kind
-from stepblocks.window.frame import compute_in_background, make_columns, show_heading, show_mistake
-from stepblocks.window.job_view import Runnable, show_page
+from stepblocks.window.frame import (
+    compute_in_background,
+    make_table_columns,
+    show_heading,
+    show_mistake,
+)
+from stepblocks.window.job_view import Runnable, show_embedded_page
 from stepblocks.window.jobs import Job, JobList
-from stepblocks.window.verdicts import FileVerdict, list_verdicts
+from stepblocks.window.verdicts import FileVerdict, list_file_verdicts
 
 _SIMULATORS = ("mujoco", "chai3d", "sofa", "usd", "gltf", "x3d", "forcelaw", "native")
 
@@ -20,25 +29,25 @@ _SIMULATORS = ("mujoco", "chai3d", "sofa", "usd", "gltf", "x3d", "forcelaw", "na
 def make_build_command(files: list[str]) -> ShownCommand:
     """Make the command that builds stimulus files."""
     words = ("build", *map(protect_leading_hyphen, files), "-o", OUTPUT)
-    python = format_call("build_sets", files, OUTPUT)
+    python = format_function_call("build_sets", files, OUTPUT)
     return ShownCommand(texts.BUILD, words, python, f"{OUTPUT}/index.html")
 
 
 def make_order_command(files: list[str]) -> ShownCommand:
     """Make the command that writes the papers of an order, and their archive."""
     words = ("workshop", *map(protect_leading_hyphen, files), "-o", OUTPUT)
-    return ShownCommand(texts.BUNDLE, words, format_call("order_parts", files, OUTPUT))
+    return ShownCommand(texts.BUNDLE, words, format_function_call("order_parts", files, OUTPUT))
 
 
 def make_scenes_command(files: list[str], simulator: str) -> ShownCommand:
     """Make the command that writes scenes for a simulator."""
     place = f"{OUTPUT}/scenes-{simulator}"
     words = ("export", *map(protect_leading_hyphen, files), "--for", simulator, "-o", place)
-    python = format_call("export_scenes", files, simulator, place)
+    python = format_function_call("export_scenes", files, simulator, place)
     return ShownCommand(texts.SCENES.format(simulator=simulator), words, python)
 
 
-def list_archives(folder: Folder, files: list[str]) -> list[str]:
+def list_quotation_archives(folder: Folder, files: list[str]) -> list[str]:
     """List the archives for a quotation of the sets of stimulus files that are there."""
     found = []
     for file in files:
@@ -79,14 +88,16 @@ class BuildForm:
             return
         chosen = [file] if file in names else names
         self._choice = ui.select(names, label=texts.BUILD_FILES, value=chosen, multiple=True)
-        self._choice.classes("min-w-[420px]").on_value_change(self._show)
-        ui.button(texts.LOOK_WHAT_CHANGED, on_click=self._show).props("no-caps")
+        self._choice.classes("min-w-[420px]").on_value_change(self._show_changes_and_commands)
+        ui.button(texts.LOOK_WHAT_CHANGED, on_click=self._show_changes_and_commands).props(
+            "no-caps"
+        )
         self._state = ui.column().classes("w-full")
         self._verdicts = ui.column().classes("w-full")
         self._commands = ui.column().classes("w-full")
-        ui.timer(0.0, self._show, once=True)
+        ui.timer(0.0, self._show_changes_and_commands, once=True)
 
-    async def _show(self) -> None:
+    async def _show_changes_and_commands(self) -> None:
         """Show what changed, and the commands for the chosen files."""
         self._files = list(self._choice.value)
         self._commands.clear()
@@ -142,17 +153,17 @@ class BuildForm:
         """Show the verdict of every file that a build left, and whether it is of today."""
         parts = sorted({*self._changes.current, *self._changes.outdated})
         output = self._folder.path / OUTPUT
-        found = await compute_in_background(self._verdicts, list_verdicts, output, parts)
+        found = await compute_in_background(self._verdicts, list_file_verdicts, output, parts)
         self._verdicts.clear()  # also what a second look has shown meanwhile
         if not found:
             return
-        columns = make_columns(texts.VERDICT_COLUMNS)
-        rows = [self._make_row(verdict) for verdict in found]
+        columns = make_table_columns(texts.VERDICT_COLUMNS)
+        rows = [self._make_verdict_row(verdict) for verdict in found]
         with self._verdicts, ui.expansion(texts.VERDICTS, value=True).classes("w-full"):
             table = ui.table(columns=columns, rows=rows, pagination=10)
             table.props("dense wrap-cells").classes("w-full").mark("verdicts")
 
-    def _make_row(self, verdict: FileVerdict) -> dict[str, str]:
+    def _make_verdict_row(self, verdict: FileVerdict) -> dict[str, str]:
         """Make the row of a file in the table of verdicts."""
         within = verdict.total - len(verdict.failures)
         made_from = texts.MADE_AS_DECLARED
@@ -171,11 +182,13 @@ class BuildForm:
         page = ui.column().classes("w-full")
         await self._show_changes()
         with page:
-            show_page(self._folder, job.command.page, texts.REPORT_OF.format(title=texts.BUILD))
+            show_embedded_page(
+                self._folder, job.command.page, texts.REPORT_OF.format(title=texts.BUILD)
+            )
 
     def _show_order_archives(self, _: Job) -> None:
         """Show the archives of the order."""
-        for archive in list_archives(self._folder, self._files):
+        for archive in list_quotation_archives(self._folder, self._files):
             name = PurePosixPath(archive).name
             link = ui.link(texts.DOWNLOAD.format(name=name), self._folder.make_link(archive))
             link.props(f'download="{name}"')

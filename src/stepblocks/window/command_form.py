@@ -7,14 +7,18 @@ from nicegui import ui
 
 from stepblocks.errors import PipelineError, StepblocksError
 from stepblocks.window import texts
-from stepblocks.window.command_line import ShownCommand, format_call, protect_leading_hyphen
+from stepblocks.window.command_line import (
+    ShownCommand,
+    format_function_call,
+    protect_leading_hyphen,
+)
 from stepblocks.window.folder import Folder
 from stepblocks.window.frame import show_heading, show_mistake
 from stepblocks.window.job_view import Runnable
 from stepblocks.window.jobs import Job, JobList
 
 
-def split_list(text: str) -> list[str]:
+def split_at_commas(text: str) -> list[str]:
     """Return the entries of a list with commas."""
     return list(map(str.strip, text.split(",")))
 
@@ -58,7 +62,7 @@ class Question:
     is_of_function: bool = True
     is_name: bool = False
 
-    def make_words(self, answer: str) -> list[str]:
+    def make_command_words(self, answer: str) -> list[str]:
         """Return the words of the command for an answer."""
         if not self.option:
             return [protect_leading_hyphen(answer)]
@@ -78,7 +82,7 @@ class FormCommand:
         The public function that does the same.
     questions : tuple of Question
         In the order of its arguments; those with an option behind those without.
-    make_page, make_address : callable
+    name_result_page, make_served_address : callable
         Return the page that it writes in the folder, and the address that it serves while it
         runs, for the answers.
     """
@@ -87,8 +91,8 @@ class FormCommand:
     words: tuple[str, ...]
     function: str
     questions: tuple[Question, ...]
-    make_page: Callable[[Mapping[str, str]], str] = lambda _: ""
-    make_address: Callable[[Mapping[str, str]], str] = lambda _: ""
+    name_result_page: Callable[[Mapping[str, str]], str] = lambda _: ""
+    make_served_address: Callable[[Mapping[str, str]], str] = lambda _: ""
 
     def make_command(self, answers: Mapping[str, str]) -> ShownCommand:
         """Make the command for the answers of all questions; empty ones are left out.
@@ -102,18 +106,18 @@ class FormCommand:
         for question in self.questions:
             answer = answers[question.name].strip()
             if answer:
-                words += question.make_words(answer)
+                words += question.make_command_words(answer)
             elif question.is_required:
                 raise PipelineError(texts.MUST_BE_SAID.format(label=question.label))
         return ShownCommand(
             self.title,
             tuple(words),
-            self.write_python(answers),
-            self.make_page(answers),
-            self.make_address(answers),
+            self.format_python(answers),
+            self.name_result_page(answers),
+            self.make_served_address(answers),
         )
 
-    def write_python(self, answers: Mapping[str, str]) -> str:
+    def format_python(self, answers: Mapping[str, str]) -> str:
         """Write the call of the function; nothing where an answer is none that it takes."""
         if not self.function:
             return ""
@@ -131,7 +135,7 @@ class FormCommand:
                 options[question.keyword] = value
             else:
                 arguments.append(value)
-        return format_call(self.function, *arguments, **options)
+        return format_function_call(self.function, *arguments, **options)
 
 
 class CommandForm:
@@ -153,14 +157,14 @@ class CommandForm:
         command: FormCommand,
         folder: Folder,
         jobs: JobList,
-        at_end: Callable[[Job], object] | None = None,
-        on_answers: Callable[[], object] = lambda: None,
+        on_job_end: Callable[[Job], object] | None = None,
+        on_changed_answers: Callable[[], object] = lambda: None,
     ) -> None:
         self._command = command
         self._folder = folder
         self._jobs = jobs
-        self._at_end = at_end
-        self._on_answers = on_answers
+        self._at_end = on_job_end
+        self._on_answers = on_changed_answers
         self._is_filling = False
         self._fields: dict[str, ui.input | ui.select] = {}
 
@@ -190,7 +194,7 @@ class CommandForm:
         """Return what the fields say, by the names of the questions."""
         return {name: str(field.value or "") for name, field in self._fields.items()}
 
-    def fill_in(self, answers: Mapping[str, str]) -> None:
+    def fill_in_answers(self, answers: Mapping[str, str]) -> None:
         """Replace the answers of some fields, by the names of their questions."""
         self._is_filling = True
         for name, answer in answers.items():

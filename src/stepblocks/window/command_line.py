@@ -56,7 +56,7 @@ class Code:
         return self.text
 
 
-def format_object(name: str, *arguments: object, **fields: object) -> Code:
+def format_constructor_call(name: str, *arguments: object, **fields: object) -> Code:
     """Format a call that makes an object of the public face; None is left out."""
     written = list(map(repr, arguments))
     for field, value in fields.items():
@@ -65,7 +65,7 @@ def format_object(name: str, *arguments: object, **fields: object) -> Code:
     return Code(f"stepblocks.{name}({', '.join(written)})")
 
 
-def format_call(function: str, *arguments: object, **options: object) -> str:
+def format_function_call(function: str, *arguments: object, **options: object) -> str:
     """Format the lines of Python that call a function of the public face."""
     written = list(map(repr, arguments))
     written += [f"{name}={value!r}" for name, value in options.items()]

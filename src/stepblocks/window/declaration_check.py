@@ -12,9 +12,13 @@ from stepblocks.files.text import is_file, read_document
 from stepblocks.loop.declared_checks import CalibrationCheck, RateCheck, SessionCheck
 from stepblocks.quantities import format_number, format_units
 from stepblocks.window import texts
-from stepblocks.window.command_line import ShownCommand, format_call, protect_leading_hyphen
+from stepblocks.window.command_line import (
+    ShownCommand,
+    format_function_call,
+    protect_leading_hyphen,
+)
 from stepblocks.window.folder import OUTPUT, Folder
-from stepblocks.window.frame import make_columns, show_heading, show_message, show_mistake
+from stepblocks.window.frame import make_table_columns, show_heading, show_message, show_mistake
 from stepblocks.window.job_view import Runnable
 from stepblocks.window.jobs import Job, JobList
 from stepblocks.window.session_files import SESSION_FILE
@@ -45,10 +49,12 @@ def make_declaration_check_command(session: str) -> ShownCommand:
     """Make the command that holds some trials of a session against its declaration."""
     target = name_check_file(session)
     words = ("measure", protect_leading_hyphen(session), "--check", target)
-    return ShownCommand(texts.CHECK_SESSION, words, format_call("check_session", session, target))
+    return ShownCommand(
+        texts.CHECK_SESSION, words, format_function_call("check_session", session, target)
+    )
 
 
-def read_check(path: Path) -> SessionCheck:
+def read_check_result(path: Path) -> SessionCheck:
     """Read the result of a check.
 
     Raises
@@ -73,7 +79,7 @@ def list_check_rows(check: SessionCheck) -> list[CheckRow]:
             texts.SET_LOADS,
             texts.BY_TRIAL,
             "",
-            _format_ratio(check.load),
+            _format_shown_over_declared(check.load),
             _describe_verdict(check.load.contradicts, check.load.slip),
         )
         rows.append(row)
@@ -88,16 +94,16 @@ def list_check_rows(check: SessionCheck) -> list[CheckRow]:
     return rows
 
 
-def _make_spring_row(spring: CalibrationCheck, declared: float) -> CheckRow:
-    """Make the row of the spring; `declared` is its constant [N/m]."""
-    constant = declared / _NEWTON_PER_MILLIMETRE
+def _make_spring_row(spring: CalibrationCheck, declared_constant: float) -> CheckRow:
+    """Make the row of the spring; `declared_constant` is its constant [N/m]."""
+    constant = declared_constant / _NEWTON_PER_MILLIMETRE
     values = {"value": spring.shown, "low": spring.low, "high": spring.high}
     written = {name: f"{constant * ratio:.{_DIGITS}g}" for name, ratio in values.items()}
     return CheckRow(
         texts.SPRING_CONSTANT,
         texts.NEWTON_PER_MILLIMETRE.format(value=f"{constant:.{_DIGITS}g}"),
         texts.NEWTON_PER_MILLIMETRE.format(value=texts.INTERVAL.format(**written)),
-        _format_ratio(spring),
+        _format_shown_over_declared(spring),
         _describe_verdict(spring.contradicts, spring.slip),
     )
 
@@ -108,7 +114,7 @@ def _make_rate_row(rate: RateCheck) -> CheckRow:
         texts.RATE,
         _format_frequency(rate.declared),
         _format_frequency(rate.declared * rate.shown),
-        _format_ratio(rate),
+        _format_shown_over_declared(rate),
         _describe_verdict(rate.contradicts, rate.slip),
     )
 
@@ -118,7 +124,7 @@ def _format_frequency(frequency: float) -> str:
     return texts.HERTZ.format(value=format_number(frequency))
 
 
-def _format_ratio(check: CalibrationCheck | RateCheck) -> str:
+def _format_shown_over_declared(check: CalibrationCheck | RateCheck) -> str:
     """Write what is shown over what is declared, with its interval."""
     values = {"value": check.shown, "low": check.low, "high": check.high}
     written = {name: f"{value:.3f}" for name, value in values.items()}
@@ -163,20 +169,20 @@ class DeclarationCheck:
             self._show_ended_run,
         )
         self._place = ui.column().classes("w-full")
-        self.update()
+        self.show_latest_result()
 
     def _show_ended_run(self, _: Job) -> None:
         """Show what a run found that has ended."""
-        self.update()
+        self.show_latest_result()
 
-    def update(self) -> None:
+    def show_latest_result(self) -> None:
         """Show what was found last, and whether the session was changed since."""
         self._place.clear()
         with self._place:
             try:
                 path = self._folder.resolve(name_check_file(self._session))
                 if is_file(path):
-                    self._show_result(read_check(path))
+                    self._show_result(read_check_result(path))
             except StepblocksError as error:
                 show_mistake(error)
 
@@ -189,7 +195,7 @@ class DeclarationCheck:
         )
         rows = list_check_rows(check)
         if rows:
-            columns = make_columns(texts.CHECK_COLUMNS)
+            columns = make_table_columns(texts.CHECK_COLUMNS)
             table = ui.table(columns=columns, rows=[vars(row) for row in rows])
             table.props("wrap-cells dense").classes("w-full").mark("check")
         if check.reason:

@@ -15,8 +15,19 @@ from stepblocks.files.text import is_file
 from stepblocks.predict.kept import KeptPredictions
 from stepblocks.quantities import format_units
 from stepblocks.window import texts
-from stepblocks.window.command_line import ShownCommand, format_call, protect_leading_hyphen
-from stepblocks.window.draft import Checked, Draft, FormField, StanzaPlace, find_field, list_fields
+from stepblocks.window.command_line import (
+    ShownCommand,
+    format_function_call,
+    protect_leading_hyphen,
+)
+from stepblocks.window.draft import (
+    Checked,
+    Draft,
+    FormField,
+    StanzaPlace,
+    find_field_of_mistake,
+    list_form_fields,
+)
 from stepblocks.window.felt import CheckedAndFelt, check_and_predict, predict_felt
 from stepblocks.window.felt_view import FeltView
 from stepblocks.window.folder import OUTPUT, Folder, Kind
@@ -30,7 +41,7 @@ from stepblocks.window.frame import (
 from stepblocks.window.latest_work import LatestWork
 from stepblocks.window.left_drafts import LeftDrafts
 from stepblocks.window.model_choice import ModelChoice
-from stepblocks.window.size_slider import MOST_SLIDERS, Size, add_slider, list_sizes
+from stepblocks.window.size_slider import MOST_SLIDERS, Size, add_slider, list_slidable_sizes
 
 _ENDING = ".toml"
 _UNITS = re.compile(r" \[[^\]]*\]")  # of a value of the library; a field takes any with its name
@@ -63,11 +74,11 @@ class DeclarePage:
                 ui.label(texts.NONE)
         chosen = ModelChoice(self._folder, model)
         place = ui.column().classes("w-full")
-        opener.on_click(lambda: self._open(choice.value, place, chosen))
+        opener.on_click(lambda: self._open_file(choice.value, place, chosen))
         if file:
-            self._open(file, place, chosen)
+            self._open_file(file, place, chosen)
 
-    def _open(self, name: str, place: ui.element, model: ModelChoice) -> None:
+    def _open_file(self, name: str, place: ui.element, model: ModelChoice) -> None:
         """Show the form of a file, or why it cannot be opened."""
         place.clear()
         with place:
@@ -75,13 +86,13 @@ class DeclarePage:
                 path = self._folder.resolve(name.strip())
                 if path.suffix != _ENDING:
                     raise PipelineError(texts.WRONG_ENDING.format(ending=_ENDING, name=repr(name)))
-                draft = self._left.take_over(path)
+                draft = self._left.take_over_draft(path)
                 if draft is not None:
-                    self._offer_to_discard(draft, partial(self._open, name, place, model))
+                    self._offer_to_discard(draft, partial(self._open_file, name, place, model))
                 else:
                     draft = Draft(path)
                 with ui.column().classes("w-full") as form:
-                    self._left.keep(draft, form)
+                    self._left.keep_draft(draft, form)
                     DeclarationForm(draft, name.strip(), model).build()
             except StepblocksError as error:
                 show_mistake(error)
@@ -91,7 +102,7 @@ class DeclarePage:
 
         def discard_changes() -> None:
             """Forget the unsaved changes, and open the file again."""
-            self._left.forget(draft)
+            self._left.forget_draft(draft)
             open_again()
 
         with ui.row().classes("items-center"):
@@ -145,23 +156,23 @@ class DeclarationForm:
                 self._slide = ui.column().classes("w-full")
                 self._view = FeltView()
         with ui.row().classes("items-center"):
-            ui.button(texts.SAVE, on_click=self._save).props("no-caps")
+            ui.button(texts.SAVE, on_click=self._save_file).props("no-caps")
         self._saved = ui.column().classes("w-full")
         self._commands = ui.column().classes("w-full")
         if is_file(self._draft.path):
-            self._show_commands()
-        self._model.on_change(self._follow_model)
+            self._show_prediction_commands()
+        self._model.set_change_handler(self._predict_by_chosen_model)
         places = list(self._draft.list_stanzas())
         if not places:
             places = [self._draft.add_stanza(next(iter(kinds)))]
-        self._refresh_choice(places[0])
+        self._refresh_stanza_choice(places[0])
 
-    def _refresh_choice(self, place: StanzaPlace) -> None:
+    def _refresh_stanza_choice(self, place: StanzaPlace) -> None:
         """List the stanzas, and show one of them."""
         key = f"{place.kind} {place.number}"
-        self._choice.set_options(self._name_stanzas(), value=key)
+        self._choice.set_options(self._list_stanza_labels(), value=key)
 
-    def _name_stanzas(self) -> dict[str, str]:
+    def _list_stanza_labels(self) -> dict[str, str]:
         """Return what the choice says of each stanza."""
         options = {}
         for found, identity in self._draft.list_stanzas().items():
@@ -169,13 +180,13 @@ class DeclarationForm:
         return options
 
     def _add_stanza(self, kind: str) -> None:
-        self._refresh_choice(self._draft.add_stanza(kind))
+        self._refresh_stanza_choice(self._draft.add_stanza(kind))
 
     def _show_stanza(self, key: str) -> None:
         """Show the fields of a stanza; those of its tables behind a fold."""
         kind, number = key.split()
         self._place = StanzaPlace(kind, int(number))
-        self._fields = list_fields(kind)
+        self._fields = list_form_fields(kind)
         self._inputs = {}
         self._refused = {}
         self._sizes = {}
@@ -184,17 +195,17 @@ class DeclarationForm:
         with self._form:
             for field in self._fields:
                 if len(field.path) == 1:
-                    self._add_input(field)
+                    self._add_field_input(field)
             tables = dict.fromkeys(field.path[0] for field in self._fields if len(field.path) > 1)
             for table in tables:
                 with ui.expansion(table).classes("w-full"):
                     for field in self._fields:
                         if len(field.path) > 1 and field.path[0] == table:
-                            self._add_input(field)
-        self._offer_sliders()
-        self._update_soon()
+                            self._add_field_input(field)
+        self._refresh_sliders()
+        self._request_update()
 
-    def _offer_sliders(self) -> None:
+    def _refresh_sliders(self) -> None:
         """Offer sliders for the sizes of the stanza, where those offered do not fit any more."""
         sizes = self._list_sizes()
         if _are_sliders_current(self._sizes, sizes):
@@ -206,15 +217,15 @@ class DeclarationForm:
                 box = self._inputs[name]
                 add_slider(name, size, partial(_read_entry, box), box.set_value)
 
-    def _offer_sliders_of(self, field: FormField) -> None:
+    def _refresh_sliders_of_field(self, field: FormField) -> None:
         """Offer sliders anew where the entry of a field does not fit those that are there."""
         if len(field.path) > 1:
             return
         entry = _read_entry(self._inputs[field.name])
         shown = {key: size for key, size in self._sizes.items() if key[0] == field.name}
-        sizes = {(field.name, size.place_label): size for size in list_sizes(entry)}
+        sizes = {(field.name, size.place_label): size for size in list_slidable_sizes(entry)}
         if not _are_sliders_current(shown, sizes):
-            self._offer_sliders()
+            self._refresh_sliders()
 
     def _list_sizes(self) -> dict[tuple[str, str], Size]:
         """List the sizes that the fields of the stanza hold, by the names of field and size."""
@@ -222,10 +233,12 @@ class DeclarationForm:
         for field in self._fields:
             if len(field.path) == 1:
                 entry = _read_entry(self._inputs[field.name])
-                sizes |= {(field.name, size.place_label): size for size in list_sizes(entry)}
+                sizes |= {
+                    (field.name, size.place_label): size for size in list_slidable_sizes(entry)
+                }
         return dict(islice(sizes.items(), MOST_SLIDERS))
 
-    def _add_input(self, field: FormField) -> None:
+    def _add_field_input(self, field: FormField) -> None:
         """Add a field, with what it is and what counts where it is left out."""
         assert self._place is not None
         hints = [_UNITS.sub("", field.help).replace(_LITERAL, "")]
@@ -236,7 +249,7 @@ class DeclarationForm:
         box = ui.input(
             field.name,
             value=self._draft.read_field(self._place, field.path),
-            on_change=self._make_writer(self._place, field),
+            on_change=self._make_entry_writer(self._place, field),
         )
         box.props(f"debounce={_DEBOUNCE} bottom-slots").classes("w-full").mark(field.name)
         hint = " ".join(filter(None, hints))
@@ -244,7 +257,7 @@ class DeclarationForm:
             ui.label(format_units(hint))
         self._inputs[field.name] = box
 
-    def _make_writer(self, place: StanzaPlace, field: FormField) -> Callable[[], None]:
+    def _make_entry_writer(self, place: StanzaPlace, field: FormField) -> Callable[[], None]:
         """Return what puts the entry of a field into the draft."""
 
         def write_entry() -> None:
@@ -255,17 +268,17 @@ class DeclarationForm:
                 self._refused.pop(field.name, None)
             except StepblocksError as error:
                 self._refused[field.name] = format_units(error)
-            self._offer_sliders_of(field)
-            self._update_soon()
+            self._refresh_sliders_of_field(field)
+            self._request_update()
 
         return write_entry
 
-    def _follow_model(self) -> None:
+    def _predict_by_chosen_model(self) -> None:
         """Predict by another model, and show the command that does."""
-        self._show_commands()
-        self._update_soon()
+        self._show_prediction_commands()
+        self._request_update()
 
-    def _update_soon(self) -> None:
+    def _request_update(self) -> None:
         """Check the draft and predict, without making the page wait."""
         self._changes += 1
         self._formula.request()
@@ -276,7 +289,7 @@ class DeclarationForm:
         What has changed meanwhile is followed behind it: of many moves each result is shown.
         """
         number = self._changes
-        options = self._name_stanzas()
+        options = self._list_stanza_labels()
         if options != self._choice.options:
             self._choice.set_options(options)
         found = await run.io_bound(
@@ -289,18 +302,18 @@ class DeclarationForm:
         if found is None or is_gone(self._form):  # closed
             return
         self._predicted = number, found
-        self._show_mistakes(found.checked)
+        self._show_mistakes_at_fields(found.checked)
         if found.checked.stimuli is None or found.reason:
             self._view.show_mistakes([*found.checked.mistakes, *found.reason])
             return
         self._view.show_felt(found.felt, self._model.name, is_dragged=False)
-        self._view.show_part(found.checked.stimuli, self._place, self._find_identity())
+        self._view.show_working_edge(found.checked.stimuli, self._place, self._get_shown_identity())
         self._beside.request()
 
     async def _drag_in_background(self) -> None:
         """Make the part and drag all parts in time, once nothing has changed for a moment."""
         number = -1
-        while self._has_changed(number):
+        while self._has_changed_since(number):
             number = self._changes
             await asyncio.sleep(_QUIET)
         if is_gone(self._form):
@@ -308,7 +321,7 @@ class DeclarationForm:
         predicted, found = self._predicted
         if predicted != number or found.checked.stimuli is None:
             return  # the formula asks again when it has followed
-        self._view.make_part()
+        self._view.make_solid_if_wanted()
         if not found.felt:
             return
         felt = await run.io_bound(
@@ -317,35 +330,35 @@ class DeclarationForm:
             self._model.learned,
             dragged=True,
             kept=self._kept_in_time,
-            is_wanted=lambda: not self._has_changed(number),
+            is_wanted=lambda: not self._has_changed_since(number),
         )
-        if not felt or self._has_changed(number) or is_gone(self._form):
+        if not felt or self._has_changed_since(number) or is_gone(self._form):
             return
         self._view.show_felt(felt, self._model.name, is_dragged=True)
 
-    def _has_changed(self, number: int) -> bool:
+    def _has_changed_since(self, change_number: int) -> bool:
         """Tell whether anything was changed since."""
-        return number != self._changes
+        return change_number != self._changes
 
-    def _find_identity(self) -> str:
+    def _get_shown_identity(self) -> str:
         """Return the identity of the stanza that is shown, as it is declared."""
         assert self._place is not None
         return self._draft.list_stanzas().get(self._place, "")
 
-    def _show_mistakes(self, checked: Checked) -> None:
+    def _show_mistakes_at_fields(self, checked: Checked) -> None:
         """Put each mistake of the shown stanza at its field."""
         errors = dict(self._refused)
         assert self._place is not None
-        identity = self._find_identity()
+        identity = self._get_shown_identity()
         for place, text in checked.mistakes:
             is_here = place.startswith(self._place.kind) and ("{" in identity or identity in place)
-            field = find_field(text, self._fields)
+            field = find_field_of_mistake(text, self._fields)
             if is_here and field is not None:
                 errors.setdefault(field.name, format_units(text))
         for name, box in self._inputs.items():
             box.error = errors.get(name)
 
-    def _save(self) -> None:
+    def _save_file(self) -> None:
         """Write the file, and show the commands that take it."""
         self._saved.clear()
         with self._saved:
@@ -357,9 +370,9 @@ class DeclarationForm:
                 show_mistake(error)
                 return
             ui.label(texts.SAVED.format(name=self._name)).props("role=status")
-        self._show_commands()
+        self._show_prediction_commands()
 
-    def _show_commands(self) -> None:
+    def _show_prediction_commands(self) -> None:
         """Show the commands that predict what the file declares."""
         self._commands.clear()
         with self._commands:
@@ -384,9 +397,11 @@ def _read_entry(box: ui.input) -> str:
 def make_prediction_commands(name: str, model: str) -> list[ShownCommand]:
     """Make the commands that predict a file; by a model of a session, a build does."""
     word = protect_leading_hyphen(name)
-    predict = ShownCommand(texts.PREDICT, ("predict", word), format_call("predict_set", name))
+    predict = ShownCommand(
+        texts.PREDICT, ("predict", word), format_function_call("predict_set", name)
+    )
     if not model:
         return [predict]
     words = ("build", word, "-o", OUTPUT, "--model", model)
-    python = format_call("build_sets", [name], OUTPUT, model=model)
+    python = format_function_call("build_sets", [name], OUTPUT, model=model)
     return [predict, ShownCommand(texts.BUILD_BY_MODEL, words, python)]

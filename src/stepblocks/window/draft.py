@@ -26,9 +26,9 @@ from stepblocks.window.saving import hold_for_saving
 from stepblocks.window.toml_text import (
     BYTE_ORDER_MARK,
     MalformedTomlError,
-    read_document,
-    read_tables,
-    read_value,
+    parse_toml_document,
+    parse_toml_tables,
+    parse_toml_value,
 )
 
 # a line with the header of a table, or of one of a list of tables
@@ -80,31 +80,31 @@ class Checked:
     mistakes: tuple[Mistake, ...] = ()
 
 
-def list_fields(kind: str) -> list[FormField]:
+def list_form_fields(kind: str) -> list[FormField]:
     """List the fields of a kind in the order of its model, those of tables below it among them."""
-    return list(_walk_fields(list_kinds()[kind], ()))
+    return list(_yield_form_fields(list_kinds()[kind], ()))
 
 
-def _walk_fields(model: type[BaseModel], begin: tuple[str, ...]) -> Iterable[FormField]:
-    """Yield the fields of a model whose own place is `begin`, with those of the tables below it.
+def _yield_form_fields(model: type[BaseModel], parent_path: tuple[str, ...]) -> Iterable[FormField]:
+    """Yield the fields of a model at `parent_path`, with those of the tables below it.
 
     What a scan or a set works out is left out: nobody types it.
     """
-    helps = _read_helps(model)
+    helps = _read_field_helps(model)
     for name, field in model.model_fields.items():
         if any(isinstance(mark, WorkedOut) for mark in field.metadata):
             continue
-        path = (*begin, name)
-        below = _find_table(field.annotation)
+        path = (*parent_path, name)
+        below = _find_table_model(field.annotation)
         if below is not None and len(path) < _DEEPEST:
-            yield from _walk_fields(below, path)
+            yield from _yield_form_fields(below, path)
             continue
         is_required = field.is_required()
         help_ = helps.get(name, "")
         yield FormField(path, _format_default(field.default, help_), is_required, help_)
 
 
-def _find_table(annotation: object) -> type[BaseModel] | None:
+def _find_table_model(annotation: object) -> type[BaseModel] | None:
     """Return the model of a field that is a table, or may be one; a material is a name."""
     for kind in (annotation, *get_args(annotation)):
         if isinstance(kind, type) and issubclass(kind, BaseModel) and kind is not Material:
@@ -137,7 +137,7 @@ def _format_number(value: float, help_: str) -> str:
     return format_number(value)
 
 
-def _read_helps(model: type[BaseModel]) -> dict[str, str]:
+def _read_field_helps(model: type[BaseModel]) -> dict[str, str]:
     """Read what the fields of a model are, those that it has from others among them."""
     helps: dict[str, str] = {}
     for kind in reversed(model.__mro__):
@@ -160,31 +160,31 @@ def _read_attribute_helps(docstring: str) -> dict[str, str]:
     return helps
 
 
-def find_field(text: str, fields: Iterable[FormField]) -> FormField | None:
+def find_field_of_mistake(mistake: str, fields: Iterable[FormField]) -> FormField | None:
     """Return the field that a mistake is about, whose name it begins with; None where none is."""
     found = None
     for field in fields:
         for begin in (field.name, f"{field.path[0]}: {'.'.join(field.path[1:])}"):
-            is_named = text.startswith((f"{begin} ", f"{begin}:"))
+            is_named = mistake.startswith((f"{begin} ", f"{begin}:"))
             if is_named and (found is None or len(field.path) > len(found.path)):
                 found = field
     return found
 
 
-def check_text(text: str, path: Path) -> Checked:
+def check_stimulus_text(text: str, path: Path) -> Checked:
     """Validate the text of a stimulus file, which is at a place or will be written there."""
     mistakes: list[Mistake] = []
     try:
-        stimuli = validate_file_tables(_parse_text(text, path), path, mistakes)
+        stimuli = validate_file_tables(_parse_stimulus_tables(text, path), path, mistakes)
     except StimulusError as error:
         return Checked(None, tuple(mistakes) or (("", str(error)),))
     return Checked(stimuli)
 
 
-def _parse_text(text: str, path: Path) -> dict[str, Any]:
+def _parse_stimulus_tables(text: str, path: Path) -> dict[str, Any]:
     """Return the tables of the text of a stimulus file."""
     try:
-        return read_tables(text.removeprefix(BYTE_ORDER_MARK))
+        return parse_toml_tables(text.removeprefix(BYTE_ORDER_MARK))
     except MalformedTomlError as error:
         raise StimulusError(texts.STIMULI_NO_TOML.format(reason=error, path=path)) from error
 
@@ -205,14 +205,17 @@ class Draft:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._before = _read_text(path)
+        self._before = _read_file_text(path)
         self._is_touched = False
         text = self._before or ""
         self._mark = ""
         if text.startswith(BYTE_ORDER_MARK):
             self._mark = BYTE_ORDER_MARK
-        self._pieces = _split_text(text.removeprefix(self._mark))
-        if self._before is not None and _parse_pieces(self._pieces) != self._parse():
+        self._pieces = _split_into_pieces(text.removeprefix(self._mark))
+        if (
+            self._before is not None
+            and _parse_pieces_together(self._pieces) != self._parse_tables()
+        ):
             raise StimulusError(texts.STANZAS_MIXED.format(path=path))
 
     @property
@@ -224,7 +227,7 @@ class Draft:
     def is_current(self) -> bool:
         """Whether the file is as it was when it was opened or saved here."""
         try:
-            return _read_text(self.path) == self._before
+            return _read_file_text(self.path) == self._before
         except StimulusError:
             return False
 
@@ -233,9 +236,9 @@ class Draft:
         """The file as it would be written."""
         return self._mark + "".join(piece.text for piece in self._pieces)
 
-    def _parse(self) -> dict[str, Any]:
+    def _parse_tables(self) -> dict[str, Any]:
         """Return the tables of the file as it would be written."""
-        return _parse_text(self.text, self.path)
+        return _parse_stimulus_tables(self.text, self.path)
 
     def list_stanzas(self) -> dict[StanzaPlace, str]:
         """List the stanzas with their identities, in the order of the file."""
@@ -260,7 +263,7 @@ class Draft:
 
     def read_field(self, place: StanzaPlace, path: tuple[str, ...]) -> str:
         """Return what a field says, as it is typed; empty where it is left out."""
-        value: Any = self._find_stanza(place)
+        value: Any = self._get_stanza_table(place)
         for name in path:
             if not isinstance(value, Mapping) or name not in value:
                 return ""
@@ -270,7 +273,7 @@ class Draft:
     def write_field(self, place: StanzaPlace, path: tuple[str, ...], entry: str) -> None:
         """Set a field to what was typed; an empty entry leaves it out."""
         self._is_touched = True
-        table: Any = self._find_stanza(place)
+        table: Any = self._get_stanza_table(place)
         for name in path[:-1]:
             if name not in table and not entry.strip():
                 return
@@ -291,21 +294,21 @@ class Draft:
         """Take away the tables on the way to a field that hold nothing any more."""
         if not path:
             return
-        table: Any = self._find_stanza(place)
+        table: Any = self._get_stanza_table(place)
         for name in path[:-1]:
             table = table[name]
         if not table[path[-1]]:
             del table[path[-1]]
             self._drop_empty_tables(place, path[:-1])
 
-    def _find_stanza(self, place: StanzaPlace) -> Any:
+    def _get_stanza_table(self, place: StanzaPlace) -> Any:
         """Return the table of a stanza, in which its fields can be changed."""
         pieces = [piece for piece in self._pieces if piece.kind == place.kind]
         return pieces[place.number].stanza
 
     def check(self) -> Checked:
         """Validate the draft as the file would be."""
-        return check_text(self.text, self.path)
+        return check_stimulus_text(self.text, self.path)
 
     def save(self) -> None:
         """Write the file.
@@ -317,9 +320,9 @@ class Draft:
         PipelineError
             If it was changed since it was opened here, or cannot be written.
         """
-        validate_file_tables(self._parse(), self.path, [])
+        validate_file_tables(self._parse_tables(), self.path, [])
         with hold_for_saving(self.path):
-            if _read_text(self.path) != self._before:
+            if _read_file_text(self.path) != self._before:
                 raise PipelineError(texts.WAS_CHANGED.format(name=self.path.name))
             replace_text(self.path, self.text)
         self._before = self.text
@@ -347,12 +350,12 @@ class _Piece:
     def stanza(self) -> Any:
         """The table of a stanza, which may be changed."""
         if self._document is None:
-            self._document = read_document(self._text)
+            self._document = parse_toml_document(self._text)
         stanzas: Any = self._document[self.kind]
         return stanzas[0]
 
 
-def _split_text(text: str) -> list[_Piece]:
+def _split_into_pieces(text: str) -> list[_Piece]:
     """Split a file at the headers of its tables; a stanza keeps the tables below it."""
     pieces: list[_Piece] = []
     lines: list[str] = []
@@ -370,22 +373,22 @@ def _split_text(text: str) -> list[_Piece]:
     return [piece for piece in pieces if piece.text]
 
 
-def _parse_pieces(pieces: Iterable[_Piece]) -> dict[str, Any] | None:
+def _parse_pieces_together(pieces: Iterable[_Piece]) -> dict[str, Any] | None:
     """Return the tables of all pieces together; None where one of them is no TOML by itself."""
     between = ""
     stanzas: dict[str, list[Any]] = {}
     try:
         for piece in pieces:
             if piece.kind:
-                stanzas.setdefault(piece.kind, []).extend(read_tables(piece.text)[piece.kind])
+                stanzas.setdefault(piece.kind, []).extend(parse_toml_tables(piece.text)[piece.kind])
             else:
                 between += piece.text
-        return {**read_tables(between), **stanzas}
+        return {**parse_toml_tables(between), **stanzas}
     except MalformedTomlError:
         return None
 
 
-def _read_text(path: Path) -> str | None:
+def _read_file_text(path: Path) -> str | None:
     """Read a file as it stands; None where there is none."""
     if not is_file(path):
         return None
@@ -402,7 +405,7 @@ def _parse_entry(entry: str) -> Item:
     if len(line) > _LONGEST_ENTRY:
         raise StimulusError(texts.ENTRY_TOO_LONG.format(most=_LONGEST_ENTRY, count=len(line)))
     try:
-        return read_value(line)
+        return parse_toml_value(line)
     except MalformedTomlError:
         return tomlkit.string(line)
 

@@ -14,7 +14,7 @@ from stepblocks.mistakes import Mistake
 from stepblocks.parts.kind import Part
 from stepblocks.quantities import format_number
 from stepblocks.window import texts
-from stepblocks.window.draft import Checked, check_text
+from stepblocks.window.draft import Checked, check_stimulus_text
 
 if TYPE_CHECKING:
     from stepblocks.predict.kept import KeptPredictions
@@ -84,7 +84,7 @@ def check_and_predict(
     text: str, path: Path, learned: "LearnedModel | None", kept: "KeptPredictions"
 ) -> CheckedAndFelt:
     """Validate the text of a stimulus file, and predict by the formula what is felt of it."""
-    checked = check_text(text, path)
+    checked = check_stimulus_text(text, path)
     if checked.stimuli is None:
         return CheckedAndFelt(checked)
     try:
@@ -143,7 +143,7 @@ def predict_felt(
         by_model = ""
         if learned is not None:
             columns = format_learned_columns(prediction, learned)
-            by_model = _format_figure(_read_numbers(columns), *_LEARNED)
+            by_model = _format_figure(_read_numeric_cells(columns), *_LEARNED)
         part, way = str(row["stimulus"]), str(row["drag"])
         rows.append(Felt(part, way, angle, force, energy, distance, in_time, by_model))
     return rows
@@ -163,7 +163,7 @@ def _keep_first_condition(stimuli: StimulusSet) -> StimulusSet:
     return stimuli.model_copy(update={"prediction": first})
 
 
-def _read_numbers(columns: Mapping[str, str]) -> dict[str, float]:
+def _read_numeric_cells(columns: Mapping[str, str]) -> dict[str, float]:
     """Read the cells of a table that hold numbers."""
     numbers = {}
     for name, text in columns.items():
@@ -172,15 +172,15 @@ def _read_numbers(columns: Mapping[str, str]) -> dict[str, float]:
     return numbers
 
 
-def _format_figure(row: Mapping[str, object], name: str, interval: str) -> str:
+def _format_figure(row: Mapping[str, object], name: str, interval_prefix: str) -> str:
     """Write a figure, with its interval where it has one."""
     value = _format_number(row.get(name))
-    if not interval:
+    if not interval_prefix:
         return value
     unit = name.rpartition("_")[2]
     suffix = "" if name == "jnd_to_next" else f"_{unit}"
-    low = _format_number(row.get(f"{interval}_low{suffix}"))
-    high = _format_number(row.get(f"{interval}_high{suffix}"))
+    low = _format_number(row.get(f"{interval_prefix}_low{suffix}"))
+    high = _format_number(row.get(f"{interval_prefix}_high{suffix}"))
     if "-" in (low, high):
         return value
     return texts.INTERVAL.format(value=value, low=low, high=high)
@@ -193,7 +193,7 @@ def _format_number(value: object) -> str:
     return format_number(float(value))
 
 
-def draw_profile(part: Part) -> str:
+def draw_profile_as_svg(part: Part) -> str:
     """Draw the working edge of a part to one scale across and up, as SVG; empty without one.
 
     The colour is that of the text around it.
@@ -205,10 +205,10 @@ def draw_profile(part: Part) -> str:
     run = max(_RUN * tallest, _LEAST_RUN)
     x, z = face.section(run)
     points = list(zip(x.tolist(), z.tolist(), strict=True))
-    return _draw_line(points, texts.PROFILE_OF.format(part=part.id))
+    return _draw_line_as_svg(points, texts.PROFILE_OF.format(part=part.id))
 
 
-def _draw_line(points: Sequence[tuple[float, float]], title: str) -> str:
+def _draw_line_as_svg(points: Sequence[tuple[float, float]], title: str) -> str:
     """Draw a line through points [m] to one scale, with a bar of a round length."""
     across, up = zip(*points, strict=True)
     left = min(across)
@@ -221,7 +221,7 @@ def _draw_line(points: Sequence[tuple[float, float]], title: str) -> str:
     for x, z in points:
         places.append(f"{_MARGIN + (x - left) * scale:.2f},{_MARGIN + (top - z) * scale:.2f}")
     drawn = " ".join(places)
-    length = _choose_bar(0.3 * wide)
+    length = _choose_scale_bar(0.3 * wide)
     label = f"{format_number(1e6 * length)} µm"
     base = height - 0.6 * _MARGIN
     bar = length * scale
@@ -242,13 +242,13 @@ def _draw_line(points: Sequence[tuple[float, float]], title: str) -> str:
     return f"{head}{lines}{caption}</svg>"
 
 
-def _choose_bar(most: float) -> float:
+def _choose_scale_bar(largest_length: float) -> float:
     """Return the longest of 1, 2 and 5 times a power of ten that is not above a length [m]."""
     decade = 1e-9
     bar = decade
-    while decade <= most:
+    while decade <= largest_length:
         for factor in (1.0, 2.0, 5.0):
-            if factor * decade <= most:
+            if factor * decade <= largest_length:
                 bar = factor * decade
         decade *= 10.0
     return bar

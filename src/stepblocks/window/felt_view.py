@@ -13,8 +13,8 @@ from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.kind import Part
 from stepblocks.window import texts
 from stepblocks.window.draft import StanzaPlace
-from stepblocks.window.felt import Felt, draw_profile
-from stepblocks.window.frame import make_columns, show_message
+from stepblocks.window.felt import Felt, draw_profile_as_svg
+from stepblocks.window.frame import make_table_columns, show_message
 
 _MOST_MISTAKES = 20  # that are shown at once
 _LEARNED = "learned"  # the column by the model of a session
@@ -34,7 +34,7 @@ class FeltView:
             self._table = ui.table(columns=[], rows=[], title=texts.FELT).mark("felt")
             self._table.props("dense wrap-cells flat bordered").classes("w-full")
             self._condition = ui.label()
-            self._solid = ui.expansion(texts.SHOW_PART, on_value_change=self.make_part)
+            self._solid = ui.expansion(texts.SHOW_PART, on_value_change=self.make_solid_if_wanted)
             self._solid.classes("w-full").mark("show-part")
             with self._solid:
                 self._place = ui.column().classes("w-full")
@@ -60,7 +60,7 @@ class FeltView:
         labels = dict(texts.FELT_COLUMNS)
         if model:
             labels[_LEARNED] = texts.FELT_LEARNED
-        columns = make_columns(labels)
+        columns = make_table_columns(labels)
         if columns != self._table.columns:
             self._table.columns = columns
         self._table.rows = [vars(row) for row in felt]
@@ -72,20 +72,22 @@ class FeltView:
         self._condition.set_text(" ".join(sentences))
         self._condition.set_visibility(bool(felt))
 
-    def show_part(self, stimuli: StimulusSet, place: StanzaPlace | None, identity: str) -> None:
+    def show_working_edge(
+        self, stimuli: StimulusSet, place: StanzaPlace | None, identity: str
+    ) -> None:
         """Show the working edge of the first part of a stanza."""
-        part = _find_part(stimuli, place, identity)
+        part = _find_part_of_stanza(stimuli, place, identity)
         self._shown = None
         picture = ""
         if part is not None:
             self._shown = part, stimuli.order
-            picture = draw_profile(part)
+            picture = draw_profile_as_svg(part)
             self._edge.set_text(texts.PROFILE_OF.format(part=part.id))
         self._edge.set_visibility(bool(picture))
         self._picture.set_content(picture)
         self._solid.set_visibility(part is not None)
 
-    def make_part(self) -> None:
+    def make_solid_if_wanted(self) -> None:
         """Make the part in 3-D where somebody wants to see it, and it is not shown yet."""
         if self._shown is None or not self._solid.value or self._shown == self._built:
             return
@@ -113,7 +115,9 @@ def _format_mistake(mistake: Mistake) -> str:
     return f"{text} [{place}]"
 
 
-def _find_part(stimuli: StimulusSet, place: StanzaPlace | None, identity: str) -> Part | None:
+def _find_part_of_stanza(
+    stimuli: StimulusSet, place: StanzaPlace | None, identity: str
+) -> Part | None:
     """Return the part of an identity in a stanza, or else its first part; None without one."""
     if place is None:
         return None

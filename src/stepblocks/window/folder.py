@@ -113,8 +113,8 @@ class Folder:
         """
         entries = []
         counts: Counter[Kind] = Counter()
-        for path in islice(self._walk(self.path, 0), _MOST_SEEN):
-            kind = _find_kind(path)
+        for path in islice(self._walk_unlinked_paths(self.path, 0), _MOST_SEEN):
+            kind = _find_kind_of_path(path)
             if kind is None or counts[kind] == _MOST:
                 continue
             counts[kind] += 1
@@ -139,27 +139,29 @@ class Folder:
     def list_models(self) -> list[str]:
         """List the models of sessions, which loops left, in the order of names."""
         names = []
-        for path in islice(self._walk(self.path, 0, (Kind.OUTPUT,)), _MOST_SEEN):
+        for path in islice(self._walk_unlinked_paths(self.path, 0, (Kind.OUTPUT,)), _MOST_SEEN):
             if path.name == _MODEL_FILE and path.is_file():
                 names.append(path.relative_to(self.path).as_posix())
         return names
 
-    def _walk(self, folder: Path, depth: int, entered: Sequence[Kind] = ()) -> Iterator[Path]:
+    def _walk_unlinked_paths(
+        self, folder: Path, depth: int, entered: Sequence[Kind] = ()
+    ) -> Iterator[Path]:
         """Yield what is in a folder and in those below it; no link, and nothing in an entry.
 
         What lies in entries of the kinds `entered` is yielded, too.
         """
-        for path in _list_sorted(folder):
+        for path in _list_folder_sorted(folder):
             if path.name.startswith(".") or path.is_symlink():
                 continue
             yield path
             if path.is_dir() and depth < _DEEPEST:
                 kind = _find_kind_of_folder(path)
                 if kind is None or kind in entered:
-                    yield from self._walk(path, depth + 1, entered)
+                    yield from self._walk_unlinked_paths(path, depth + 1, entered)
 
 
-def _list_sorted(folder: Path) -> list[Path]:
+def _list_folder_sorted(folder: Path) -> list[Path]:
     """List a folder by name; one that cannot be read is empty."""
     try:
         return sorted(folder.iterdir())
@@ -167,7 +169,7 @@ def _list_sorted(folder: Path) -> list[Path]:
         return []
 
 
-def _find_kind(path: Path) -> Kind | None:
+def _find_kind_of_path(path: Path) -> Kind | None:
     """Find of what kind a file or folder is; None where no command takes it."""
     if path.is_dir():
         return _find_kind_of_folder(path)
@@ -198,7 +200,7 @@ def _find_kind_of_folder(path: Path) -> Kind | None:
 def _list_declared_kinds(path: Path) -> set[str]:
     """List the kinds of stimuli that a file of TOML declares; a broken one may mean them."""
     from stepblocks.declaration.set import list_kinds
-    from stepblocks.window.toml_text import MalformedTomlError, read_tables
+    from stepblocks.window.toml_text import MalformedTomlError, parse_toml_tables
 
     try:
         if path.stat().st_size > _LARGEST_DECLARATION:
@@ -207,6 +209,6 @@ def _list_declared_kinds(path: Path) -> set[str]:
     except (OSError, UnicodeDecodeError):
         return set()
     try:
-        return set(read_tables(text)).intersection(list_kinds())
+        return set(parse_toml_tables(text)).intersection(list_kinds())
     except MalformedTomlError:
         return {kind for kind in list_kinds() if f"[{kind}]" in text}

@@ -22,17 +22,17 @@ def add_folder_script() -> None:
     add_script("folder_drop.js", _LIMITS)
 
 
-def take_folders(upload: ui.upload, refuse: Callable[[], object]) -> None:
+def accept_dropped_folders(upload: ui.upload, on_unreadable: Callable[[], object]) -> None:
     """Let a field for archives take folders, too, and add a button that chooses one.
 
     Parameters
     ----------
     upload : ui.upload
-    refuse : callable
+    on_unreadable : callable
         Called where the browser cannot read a folder.
     """
     upload.classes(_TAKES_FOLDERS)
-    upload.on(_UNREAD, lambda: refuse(), args=[])
+    upload.on(_UNREAD, lambda: on_unreadable(), args=[])
     chosen = ui.element("input").props("type=file webkitdirectory hidden").mark("folder")
     chosen.on(
         "change",

@@ -121,7 +121,7 @@ def build_frame(pages: Sequence[Page]) -> None:
         ui.row().props(f'role=navigation aria-label="{texts.NAVIGATION}"'),
     ):
         links = {page.path: ui.link(page.title, page.path) for page in pages}
-        switch = ui.button(icon="contrast", on_click=lambda: _switch_colours(colours))
+        switch = ui.button(icon="contrast", on_click=lambda: _switch_colour_mode(colours))
         switch.props(f'flat dense color=white aria-label="{texts.COLOURS}"').tooltip(texts.COLOURS)
     router = ui.context.client.sub_pages_router
     router.on_path_changed(partial(_mark_current_page, links))
@@ -146,13 +146,13 @@ def _mark_current_page(links: Mapping[str, ui.link], address: str) -> None:
             link.classes(remove="here").props(remove="aria-current")
 
 
-def _switch_colours(colours: ui.dark_mode) -> None:
+def _switch_colour_mode(colours: ui.dark_mode) -> None:
     """Go from the colours of the system to light ones, dark ones, and back."""
     following = {None: False, False: True, True: None}
     colours.set_value(following[colours.value])
 
 
-def make_columns(labels: Mapping[str, str]) -> list[dict[str, str]]:
+def make_table_columns(labels: Mapping[str, str]) -> list[dict[str, str]]:
     """Make the columns of a table of the page, by the label of each field of its rows."""
     columns = []
     for name, label in labels.items():

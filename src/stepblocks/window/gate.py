@@ -70,26 +70,26 @@ class Gate:
         ):
             await _answer_refusal(scope, send, 403, texts.REFUSED_HOST)
             return
-        if self._opens_window(scope):
-            await self._hand_over_cookie(send)
+        if self._is_for_token_address(scope):
+            await self._answer_with_cookie(send)
             return
         is_file = self._asks_for_file(scope)
         if not is_file and not self._has_cookie(headers):
             await _answer_refusal(scope, send, 403, texts.REFUSED_TOKEN)
             return
-        fault = _find_fault_of_length(scope, headers)
+        fault = _find_length_refusal(scope, headers)
         if fault is not None:
             await _answer_refusal(scope, send, *fault)
             return
         policy = _POLICY_OF_FILES if is_file else _POLICY
         client = _Client(receive)
         try:
-            await self._app(scope, client.receive, _add_headers(send, policy))
+            await self._app(scope, client.receive, _wrap_send_with_policy(send, policy))
         except RuntimeError:
             if not client.is_gone:  # else nobody waits for the answer any more
                 raise
 
-    def _opens_window(self, scope: "Scope") -> bool:
+    def _is_for_token_address(self, scope: "Scope") -> bool:
         """Tell whether a request is for the address with the token."""
         if scope["type"] != "http" or scope["method"] != "GET" or scope["path"] != "/":
             return False
@@ -113,7 +113,7 @@ class Gate:
         cookies = cookie_parser("; ".join(headers.get("cookie", [])))
         return self._is_token(cookies.get(self._cookie, ""))
 
-    async def _hand_over_cookie(self, send: "Send") -> None:
+    async def _answer_with_cookie(self, send: "Send") -> None:
         """Answer with the cookie, and with the address that shows no token."""
         cookie = f"{self._cookie}={self._token}; Path=/; HttpOnly; SameSite=Strict"
         headers = {"Location": "/", "Set-Cookie": cookie, "Cache-Control": "no-store"}
@@ -148,7 +148,7 @@ def _read_headers(scope: "Scope") -> dict[str, list[str]]:
     return headers
 
 
-def _find_fault_of_length(scope: "Scope", headers: dict[str, list[str]]) -> tuple[int, str] | None:
+def _find_length_refusal(scope: "Scope", headers: dict[str, list[str]]) -> tuple[int, str] | None:
     """Return status and reason where a request is too long or does not say how long it is."""
     if scope["type"] == "websocket":  # the framework bounds each message
         return None
@@ -164,7 +164,7 @@ def _find_fault_of_length(scope: "Scope", headers: dict[str, list[str]]) -> tupl
     return None
 
 
-def _add_headers(send: "Send", policy: str) -> "Send":
+def _wrap_send_with_policy(send: "Send", policy: str) -> "Send":
     """Return a way to answer that adds a policy to every answer."""
     added = {**_HEADERS, "Content-Security-Policy": policy}
 

@@ -18,18 +18,18 @@ from stepblocks.window import texts
 from stepblocks.window.batch_form import BatchForm
 from stepblocks.window.command_line import (
     ShownCommand,
-    format_call,
-    format_object,
+    format_constructor_call,
+    format_function_call,
     protect_leading_hyphen,
 )
 from stepblocks.window.folder import Folder, Kind
 from stepblocks.window.frame import compute_in_background, is_gone, show_heading, show_mistake
 from stepblocks.window.gate import LARGEST_UPLOAD, MOST_FILES, make_size_error
-from stepblocks.window.job_view import Runnable, show_page
+from stepblocks.window.job_view import Runnable, show_embedded_page
 from stepblocks.window.jobs import Job, JobList
 from stepblocks.window.latest_work import LatestWork
-from stepblocks.window.many_files import take_many
-from stepblocks.window.scan_picture import ScanPicture, draw_scan
+from stepblocks.window.many_files import accept_many_files
+from stepblocks.window.scan_picture import ScanPicture, read_and_draw_scan
 
 if TYPE_CHECKING:
     from stepblocks.window.scan_edges import ScanEdge
@@ -81,17 +81,19 @@ class InspectionAnswers:
                 words.append(f"{option}={text}")
         words += ["-o", output]
         page = f"{output}/{self.part}.{_PAGE}"
-        return ShownCommand(texts.INSPECT_THIS, tuple(words), self._write_python(output), page)
+        return ShownCommand(texts.INSPECT_THIS, tuple(words), self._format_python(output), page)
 
-    def _write_python(self, output: str) -> str:
+    def _format_python(self, output: str) -> str:
         """Write the same in Python; nothing where an answer is none that the command takes."""
         given: dict[str, object] = {"unit": self.unit or None, "channel": self.channel or None}
         try:
             if self.calibration:
                 calibration = parse_quantity(self.calibration, "ratio")
-                given["instrument"] = format_object("Instrument", calibration_std=calibration)
+                given["instrument"] = format_constructor_call(
+                    "Instrument", calibration_std=calibration
+                )
             if self.begin or self.end or self.stylus_radius:
-                given["options"] = format_object(
+                given["options"] = format_constructor_call(
                     "EvaluationOptions",
                     begin=_read_length(self.begin),
                     end=_read_length(self.end),
@@ -100,7 +102,9 @@ class InspectionAnswers:
         except QuantityError:
             return ""
         options = {name: value for name, value in given.items() if value is not None}
-        judge = format_call("inspect_scan", self.scan, self.part, stimuli=self.stimuli, **options)
+        judge = format_function_call(
+            "inspect_scan", self.scan, self.part, stimuli=self.stimuli, **options
+        )
         result = judge.replace("\n\n", "\n\nresult = ", 1)
         return f"{result}\nstepblocks.write_inspection(result, {output!r})"
 
@@ -137,7 +141,7 @@ class InspectForm:
         self._is_shown = False
         self._taken = 0
         self._is_receiving = False
-        self._looks = LatestWork(self._look_at_dropped)
+        self._looks = LatestWork(self._show_last_dropped_scan)
 
     def build(self, file: str) -> None:
         """Make the page."""
@@ -160,15 +164,17 @@ class InspectForm:
                     box.classes("w-full")
                 self._calibration.classes("w-full")
                 for field in (self._part, self._stylus, self._calibration):
-                    field.on_value_change(self._answer_again)
-                ui.button(texts.LOOK, on_click=self._look_again).props("no-caps")
+                    field.on_value_change(self._refresh_command_if_shown)
+                ui.button(texts.LOOK, on_click=self._show_named_scan).props("no-caps")
             self._picture = ui.column()
         self._command = ui.column().classes("w-full")
         self._batch = BatchForm(self._folder, self._jobs, _SCANS)
         self._batch.build()
-        upload.on_upload(self._take_dropped_scan)
+        upload.on_upload(self._save_dropped_scan)
         upload.on_rejected(lambda: self._show_refusal(make_size_error()))
-        take_many(upload, self._refuse_all, self._begin_many, self._end_many)
+        accept_many_files(
+            upload, self._refuse_all, self._begin_receiving_many, self._end_receiving_many
+        )
         ui.timer(0.0, self._offer_parts, once=True)
 
     async def _offer_parts(self) -> None:
@@ -188,10 +194,10 @@ class InspectForm:
                 parts[f"{name}\n{part.id}"] = f"{part.id} ({name})"
         return parts
 
-    async def _take_dropped_scan(self, event: events.UploadEventArguments) -> None:
+    async def _save_dropped_scan(self, event: events.UploadEventArguments) -> None:
         """Put a dropped scan into the folder, and show the last of several."""
         try:
-            name = self.name_upload(event.file.name)
+            name = self.choose_scan_name(event.file.name)
             replace_bytes(self._folder.resolve(name), await event.file.read())
         except StepblocksError as error:
             self._show_refusal(error)
@@ -214,19 +220,19 @@ class InspectForm:
             PipelineError(texts.TOO_MANY_DROPPED.format(most=MOST_FILES, count=count))
         )
 
-    def _begin_many(self) -> None:
+    def _begin_receiving_many(self) -> None:
         """Look at no scan until all of many have come."""
         self._is_receiving = True
 
-    def _end_many(self, missing: int) -> None:
+    def _end_receiving_many(self, missing_count: int) -> None:
         """Look at the last of many scans, and say how many did not arrive."""
         self._is_receiving = False
-        if missing:
-            self._show_refusal(PipelineError(texts.NOT_ARRIVED.format(count=missing)))
+        if missing_count:
+            self._show_refusal(PipelineError(texts.NOT_ARRIVED.format(count=missing_count)))
         if self._taken:
             self._looks.request()
 
-    async def _look_at_dropped(self) -> None:
+    async def _show_last_dropped_scan(self) -> None:
         """Look at the scan that was dropped last, once all are there, and offer them for a list."""
         seen = -1
         while seen != self._taken:
@@ -234,10 +240,10 @@ class InspectForm:
             await asyncio.sleep(_QUIET)
         if self._is_receiving or is_gone(self._picture):
             return
-        self._batch.refresh()
+        self._batch.refresh_offered_files()
         await self._show_scan()
 
-    def name_upload(self, given: str) -> str:
+    def choose_scan_name(self, file_name: str) -> str:
         """Return the name in the folder for a dropped file.
 
         Raises
@@ -245,7 +251,7 @@ class InspectForm:
         PipelineError
             If its ending is that of no scan, its name leads elsewhere, or such a file is there.
         """
-        name = PurePosixPath(given.replace("\\", "/")).name
+        name = PurePosixPath(file_name.replace("\\", "/")).name
         if PurePosixPath(name).suffix.lower() not in FORMATS:
             raise PipelineError(texts.NO_SCAN.format(endings=", ".join(FORMATS), name=name))
         target = f"{_SCANS}/{name}"
@@ -253,7 +259,7 @@ class InspectForm:
             raise PipelineError(texts.FILE_IS_THERE.format(name=target))
         return target
 
-    async def _look_again(self) -> None:
+    async def _show_named_scan(self) -> None:
         """Look at the scan that is named; what was refused before is read by now."""
         self._refused.clear()
         await self._show_scan()
@@ -267,7 +273,9 @@ class InspectForm:
             path = self._folder.resolve(str(self._scan.value).strip())
             unit = str(self._unit.value).strip() or None
             channel = str(self._channel.value).strip() or None
-            picture = await compute_in_background(self._picture, draw_scan, path, unit, channel)
+            picture = await compute_in_background(
+                self._picture, read_and_draw_scan, path, unit, channel
+            )
         except StepblocksError as error:
             with self._picture:
                 show_mistake(error)
@@ -298,7 +306,7 @@ class InspectForm:
 
         def pick_edge(column: float) -> None:
             """Choose the edge nearest to a column of the picture."""
-            edge = picture.find_edge(column)
+            edge = picture.find_nearest_edge(column)
             if edge is not None:
                 choice.set_value(edge.name)
 
@@ -309,7 +317,7 @@ class InspectForm:
 
         choice.on_value_change(take_edge)
 
-    def _answer_again(self) -> None:
+    def _refresh_command_if_shown(self) -> None:
         """Show the command for an answer that changed, once the scan was looked at."""
         if self._is_shown:
             self._show_command()
@@ -322,9 +330,9 @@ class InspectForm:
                 ui.label(texts.CHOOSE_PART)
                 return
             command = self._read_answers().make_command()
-            Runnable(command, self._folder, self._jobs, self._show_result)
+            Runnable(command, self._folder, self._jobs, self._show_inspection_result)
 
-    def _show_result(self, job: Job) -> None:
+    def _show_inspection_result(self, job: Job) -> None:
         """Show the page of an inspection, and every file that it wrote."""
         page = self._folder.resolve(job.command.page)
         if not is_file(page):
@@ -334,7 +342,9 @@ class InspectForm:
             for path in sorted(page.parent.glob(f"{glob.escape(begin)}*")):
                 name = path.relative_to(self._folder.path).as_posix()
                 ui.link(path.name, self._folder.make_link(name), new_tab=True)
-        show_page(self._folder, job.command.page, texts.REPORT_OF.format(title=texts.INSPECT_THIS))
+        show_embedded_page(
+            self._folder, job.command.page, texts.REPORT_OF.format(title=texts.INSPECT_THIS)
+        )
 
     def _read_answers(self) -> InspectionAnswers:
         """Return what the fields and the picked edge say."""

@@ -80,18 +80,18 @@ class JobNotes:
         """
         state = _make_state_folder()
         records: list[tuple[JobRecord, Path]] = []
-        for place in _yield_places(state):
+        for place in _yield_notes_folders(state):
             is_here = place.name.startswith(self._prefix)
-            if not is_here and not _is_old(place):
+            if not is_here and not _is_long_unused(place):
                 continue
             if self._locks.enter_context(try_lock(place / _LOCK)) is not LockState.OURS:
                 continue  # of a window that is open
             self._held.append(place)
             if is_here:
-                records += _read_records(place)
+                records += _read_job_records(place)
         return sorted(records, key=lambda found: found[0].noted)
 
-    def ensure_place(self) -> Path:
+    def ensure_notes_folder(self) -> Path:
         """Return the folder for the jobs of this window; the first call makes and locks it."""
         if self._place is None:
             self._place = Path(tempfile.mkdtemp(prefix=self._prefix, dir=_make_state_folder()))
@@ -123,7 +123,7 @@ def _make_state_folder() -> Path:
     return Path(tempfile.gettempdir())
 
 
-def keep_record(command: ShownCommand, process: int, output: Path) -> None:
+def write_job_record(command: ShownCommand, process: int, output: Path) -> None:
     """Keep what the next window needs to find a job; without it, it is not found."""
     with suppress(OSError, psutil.Error):
         begun = psutil.Process(process).create_time()
@@ -132,16 +132,16 @@ def keep_record(command: ShownCommand, process: int, output: Path) -> None:
         output.with_suffix(".json").write_text(text, encoding="utf-8", newline="\n")
 
 
-def _read_records(place: Path) -> list[tuple[JobRecord, Path]]:
+def _read_job_records(notes_folder: Path) -> list[tuple[JobRecord, Path]]:
     """Read the records of a folder, each with the file of its output; a damaged one is none."""
     records = []
-    for path in place.glob("*.json"):
+    for path in notes_folder.glob("*.json"):
         with suppress(OSError, ValidationError):
             records.append((_RECORD.validate_json(path.read_bytes()), path.with_suffix(".txt")))
     return records
 
 
-def _yield_places(state: Path) -> Iterator[Path]:
+def _yield_notes_folders(state: Path) -> Iterator[Path]:
     """Yield the folders of notes that are this user's alone."""
     try:
         found = sorted(state.iterdir())
@@ -152,9 +152,9 @@ def _yield_places(state: Path) -> Iterator[Path]:
             yield place
 
 
-def _is_old(place: Path) -> bool:
+def _is_long_unused(notes_folder: Path) -> bool:
     """Tell whether nobody wrote notes there for a long time."""
     try:
-        return time.time() - place.stat().st_mtime > _OLD
+        return time.time() - notes_folder.stat().st_mtime > _OLD
     except OSError:
         return False

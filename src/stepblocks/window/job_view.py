@@ -30,11 +30,11 @@ class JobView:
     """
 
     def __init__(
-        self, job: Job, folder: Folder, at_end: Callable[[Job], object] | None = None
+        self, job: Job, folder: Folder, on_job_end: Callable[[Job], object] | None = None
     ) -> None:
         self._job = job
         self._folder = folder
-        self._at_end = at_end
+        self._at_end = on_job_end
         self.is_final = False
         with ui.card().classes("w-full") as self.card:
             with ui.row().classes("items-center"):
@@ -109,27 +109,29 @@ class Runnable:
         command: ShownCommand,
         folder: Folder,
         jobs: JobList,
-        at_end: Callable[[Job], object] | None = None,
+        on_job_end: Callable[[Job], object] | None = None,
         *,
         has_title: bool = True,
     ) -> None:
         self._command = command
         self._folder = folder
         self._jobs = jobs
-        self._at_end = at_end
+        self._at_end = on_job_end
         self._view: JobView | None = None
         if has_title:
             ui.label(command.title)
         with ui.row().classes("items-center w-full"):
             label = f"{texts.RUN}: {command.title}"
-            ui.button(texts.RUN, on_click=self._run).props(f'no-caps aria-label="{escape(label)}"')
+            ui.button(texts.RUN, on_click=self._start_command).props(
+                f'no-caps aria-label="{escape(label)}"'
+            )
             show_command(command)
         self._place = ui.column().classes("w-full")
         last = jobs.find_last(command)
         if last is not None:
-            self._show(last)
+            self._show_job(last)
 
-    def _run(self) -> None:
+    def _start_command(self) -> None:
         """Start the command, or say why it cannot be started."""
         self._place.clear()
         try:
@@ -138,24 +140,24 @@ class Runnable:
             with self._place:
                 show_mistake(error)
             return
-        self._show(job)
+        self._show_job(job)
 
-    def _show(self, job: Job) -> None:
+    def _show_job(self, job: Job) -> None:
         """Show a job, and look at it until it has ended."""
         with self._place:
             view = JobView(job, self._folder, self._at_end)
             if view.is_final:
                 return
 
-            def look() -> None:
+            def update_view() -> None:
                 view.update()
                 if view.is_final:
                     timer.deactivate()
 
-            timer = ui.timer(PERIOD, look)
+            timer = ui.timer(PERIOD, update_view)
 
 
-def show_page(folder: Folder, name: str, title: str) -> None:
+def show_embedded_page(folder: Folder, name: str, title: str) -> None:
     """Show a page of the folder within this one, where there is such a page."""
     if not name.endswith(_PAGES) or not is_file(folder.resolve(name)):
         return

@@ -25,7 +25,7 @@ from stepblocks.files.progress import (
 )
 from stepblocks.window import texts
 from stepblocks.window.command_line import ShownCommand
-from stepblocks.window.job_notes import JobNotes, JobRecord, keep_record
+from stepblocks.window.job_notes import JobNotes, JobRecord, write_job_record
 
 _MOST_AT_ONCE = 4
 _MOST_KEPT = 100  # jobs whose output is kept
@@ -187,7 +187,7 @@ class Job:
     @property
     def progress(self) -> ProgressStep | None:
         """The step that it did last; None where it has not said any."""
-        return read_last_step(_name_steps(self._output))
+        return read_last_step(_get_steps_path(self._output))
 
     def cancel(self) -> None:
         """Ask it to end; its workers end with it, and nothing half-written stays."""
@@ -199,7 +199,7 @@ class Job:
         self._process.wait(seconds)
 
 
-def _name_steps(output: Path) -> Path:
+def _get_steps_path(output: Path) -> Path:
     """Return the file of the steps of a job, beside that of its output."""
     return output.with_suffix(".steps")
 
@@ -212,7 +212,7 @@ def _start_process(command: ShownCommand, folder: Path, output: Path) -> "subpro
         **os.environ,
         "COLUMNS": _WIDTH,
         "PYTHONUNBUFFERED": "1",
-        PROGRESS_FILE: str(_name_steps(output)),
+        PROGRESS_FILE: str(_get_steps_path(output)),
     }
     with output.open("wb") as sink:
         return subprocess.Popen(
@@ -247,7 +247,7 @@ class JobList:
     def take_over_killed_jobs(self) -> None:
         """Take over the jobs of windows on this folder that were killed; those that run go on."""
         for record, output in self._notes.claim_killed_jobs():
-            process = FoundProcess(record, _name_steps(output))
+            process = FoundProcess(record, _get_steps_path(output))
             self._jobs.append(Job(self._next_number, record.command, output, process))
 
     def start(self, command: ShownCommand) -> Job:
@@ -264,13 +264,13 @@ class JobList:
                 texts.TOO_MANY_JOBS.format(most=_MOST_AT_ONCE, count=len(running) + 1)
             )
         number = self._next_number
-        output = self._notes.ensure_place() / f"{number}.txt"
+        output = self._notes.ensure_notes_folder() / f"{number}.txt"
         try:
             process = _start_process(command, self._folder, output)
         except OSError as error:
             reason = describe_system_error(error, output)
             raise PipelineError(texts.CANNOT_START.format(reason=reason)) from error
-        keep_record(command, process.pid, output)
+        write_job_record(command, process.pid, output)
         job = Job(number, command, output, StartedProcess(process))
         ended = [job for job in self._jobs if job not in running]
         forgotten = ended[:-_MOST_KEPT]

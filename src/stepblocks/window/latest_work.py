@@ -16,8 +16,8 @@ class LatestWork:
         Does it once, for what stands then.
     """
 
-    def __init__(self, do: Callable[[], Awaitable[None]]) -> None:
-        self._do = do
+    def __init__(self, work: Callable[[], Awaitable[None]]) -> None:
+        self._do = work
         self._is_asked = False
         self._is_running = False
 
@@ -26,9 +26,9 @@ class LatestWork:
         self._is_asked = True
         if not self._is_running:
             self._is_running = True
-            background_tasks.create(self._do_until_done())
+            background_tasks.create(self._run_until_nothing_is_asked())
 
-    async def _do_until_done(self) -> None:
+    async def _run_until_nothing_is_asked(self) -> None:
         """Do the work again until nobody has asked for it meanwhile."""
         try:
             while self._is_asked:

@@ -19,11 +19,11 @@ class LeftDrafts:
     def __init__(self) -> None:
         self._drafts: list[tuple[Draft, ui.element]] = []
 
-    def keep(self, draft: "Draft", page: ui.element) -> None:
+    def keep_draft(self, draft: "Draft", page: ui.element) -> None:
         """Keep a draft that a page changes from now on."""
         self._drafts = [*self._drafts, (draft, page)][-_MOST:]
 
-    def take_over(self, path: Path) -> "Draft | None":
+    def take_over_draft(self, path: Path) -> "Draft | None":
         """Return the draft of a file that was left unsaved last; it is kept no longer.
 
         None where there is none. What another page still changes is left to it, and a file that
@@ -36,7 +36,7 @@ class LeftDrafts:
                 return draft
         return None
 
-    def forget(self, draft: "Draft") -> None:
+    def forget_draft(self, draft: "Draft") -> None:
         """Let go of a draft: nobody wants what was typed."""
         self._drafts = [kept for kept in self._drafts if kept[0] is not draft]
 

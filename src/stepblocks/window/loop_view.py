@@ -18,14 +18,14 @@ from stepblocks.window.agreement import (
     LoopFinding,
     ModelPart,
     TrialAgreement,
-    list_agreements,
-    read_finding,
+    list_trial_agreements,
+    read_loop_finding,
 )
 from stepblocks.window.command_line import ShownCommand, protect_leading_hyphen
 from stepblocks.window.folder import Folder
 from stepblocks.window.frame import (
     compute_in_background,
-    make_columns,
+    make_table_columns,
     show_command,
     show_heading,
     show_mistake,
@@ -66,7 +66,7 @@ def make_drawing_command(session: str, output: str, trial: str) -> ShownCommand:
     return ShownCommand(texts.DRAW_TRIAL.format(trial=trial), words)
 
 
-def draw_trial(session: Path, trial: str) -> str:
+def draw_trial_as_data_url(session: Path, trial: str) -> str:
     """Draw the trace of a trial, and return it as the address of a PNG that holds it.
 
     It is empty where the trace cannot be read.
@@ -106,8 +106,8 @@ class LoopView:
         output = self._folder.resolve(self._output)
         place = ui.column().classes("w-full")
         try:
-            finding = read_finding(output)
-            found = await compute_in_background(place, list_agreements, session, output)
+            finding = read_loop_finding(output)
+            found = await compute_in_background(place, list_trial_agreements, session, output)
         except StepblocksError as error:
             with place:
                 show_mistake(error)
@@ -119,7 +119,7 @@ class LoopView:
         with place:
             _show_finding(finding)
             show_next_experiment(finding, self._output)
-            self._show_trials()
+            self._show_agreement_chart()
             self._show_model()
 
     def _show_model(self) -> None:
@@ -129,12 +129,12 @@ class LoopView:
         ui.link(texts.USE_MODEL, link)
         Runnable(make_prediction_command(self._session, self._output), self._folder, self._jobs)
 
-    def _show_trials(self) -> None:
+    def _show_agreement_chart(self) -> None:
         """Draw every trial; one that is clicked or chosen shows its trace."""
         show_heading(texts.AGREEMENT, 2)
         ui.label(texts.AGREEMENT_HELP)
         figures = {figure.name: figure.label for figure in Figure}
-        chart = ui.echart(self._make_options(Figure.ENERGY)).classes(f"w-full {_HEIGHT}")
+        chart = ui.echart(self._make_chart_options(Figure.ENERGY)).classes(f"w-full {_HEIGHT}")
         chart.props(f'role=img aria-label="{texts.AGREEMENT}"').mark("agreement")
         with ui.row().classes("items-center"):
             figure = ui.select(figures, label=texts.SHOWN_FIGURE, value=Figure.ENERGY.name)
@@ -148,7 +148,7 @@ class LoopView:
 
         def draw_figure() -> None:
             chart.options.clear()
-            chart.options.update(self._make_options(Figure[str(figure.value)]))
+            chart.options.update(self._make_chart_options(Figure[str(figure.value)]))
             chart.update()
 
         def select_trial(event: events.EChartPointClickEventArguments) -> None:
@@ -163,7 +163,7 @@ class LoopView:
         place.clear()
         try:
             session = self._folder.resolve(self._session)
-            image = await compute_in_background(place, draw_trial, session, trial)
+            image = await compute_in_background(place, draw_trial_as_data_url, session, trial)
         except StepblocksError as error:
             with place:
                 show_mistake(error)
@@ -176,7 +176,7 @@ class LoopView:
             shown = ui.image(image).classes("w-full max-w-[1000px]").mark("trace")
             shown.props(f'alt="{texts.TRIAL_PICTURE.format(trial=trial)}"')
 
-    def _make_options(self, figure: Figure) -> dict[str, Any]:
+    def _make_chart_options(self, figure: Figure) -> dict[str, Any]:
         """Make what the chart shows of a figure: both models, and the trials held apart."""
         before: list[Point] = []
         after: list[Point] = []
@@ -185,12 +185,12 @@ class LoopView:
             place = after
             if row.trial in self._apart:
                 place = apart
-            _add_point(before, number, row.trial, row.nominal.get(figure))
-            _add_point(place, number, row.trial, row.extended.get(figure))
+            _add_chart_point(before, number, row.trial, row.nominal.get(figure))
+            _add_chart_point(place, number, row.trial, row.extended.get(figure))
         series = []
         names = (texts.SERIES_BEFORE, texts.SERIES_AFTER, texts.SERIES_APART)
         for name, colour, points in zip(names, _COLOURS, (before, after, apart), strict=True):
-            series.append(_make_series(name, colour, points))
+            series.append(_make_chart_series(name, colour, points))
         return {
             "animation": False,
             # as other pictures, it has its own ground: its letters are dark
@@ -219,13 +219,13 @@ class LoopView:
         }
 
 
-def _add_point(points: list[Point], number: int, trial: str, ratio: float | None) -> None:
+def _add_chart_point(points: list[Point], number: int, trial: str, ratio: float | None) -> None:
     """Add the point of a trial to a series, where there is one."""
     if ratio is not None:
         points.append({"name": trial, "value": [number, round(ratio, _DIGITS)]})
 
 
-def _make_series(name: str, colour: str, points: Sequence[Point]) -> dict[str, Any]:
+def _make_chart_series(name: str, colour: str, points: Sequence[Point]) -> dict[str, Any]:
     """Make a series of points for the chart."""
     return {
         "type": "scatter",
@@ -244,7 +244,7 @@ def _show_finding(finding: LoopFinding) -> None:
         _make_error_row(texts.BEFORE, finding.nominal),
         _make_error_row(texts.AFTER, finding.extended),
     ]
-    columns = make_columns(texts.ERROR_COLUMNS)
+    columns = make_table_columns(texts.ERROR_COLUMNS)
     ui.table(columns=columns, rows=rows, title=texts.ERRORS).mark("errors")
     held_apart = []
     for trial in finding.apart:

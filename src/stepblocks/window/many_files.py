@@ -20,16 +20,16 @@ _END = "manyend"  # event of the field: all were handed in; with the number that
 _LIMITS = {"few": _FEW, "files": MOST_FILES, "bytes": _MOST_BYTES}
 
 
-def add_many_script() -> None:
+def add_many_files_script() -> None:
     """Add what hands in many files to the head of a page."""
     add_script("many_files.js", _LIMITS)
 
 
-def take_many(
+def accept_many_files(
     upload: ui.upload,
-    refuse_all: Callable[[int], object],
-    begin: Callable[[], object],
-    end: Callable[[int], object],
+    on_too_many: Callable[[int], object],
+    on_begin: Callable[[], object],
+    on_end: Callable[[int], object],
 ) -> None:
     """Let a field take thousands of files.
 
@@ -37,16 +37,16 @@ def take_many(
     ----------
     upload : ui.upload
         For several files.
-    refuse_all : callable
+    on_too_many : callable
         Called with how many files were dropped, where that is too many.
-    begin, end : callable
+    on_begin, on_end : callable
         Called before the first of several files, and behind the last with how many did not arrive.
     """
     # one request for files that are added together
     upload.classes(_TAKES_MANY).props("batch")
-    upload.on(_TOO_MANY, lambda event: refuse_all(_read_file_count(event)))
-    upload.on(_BEGIN, lambda: begin(), args=[])
-    upload.on(_END, lambda event: end(_read_file_count(event)))
+    upload.on(_TOO_MANY, lambda event: on_too_many(_read_file_count(event)))
+    upload.on(_BEGIN, lambda: on_begin(), args=[])
+    upload.on(_END, lambda event: on_end(_read_file_count(event)))
 
 
 def _read_file_count(event: events.GenericEventArguments) -> int:

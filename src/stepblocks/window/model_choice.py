@@ -35,15 +35,15 @@ class ModelChoice:
         choice = ui.select(names, label=texts.SESSION_MODEL, value=value, clearable=True)
         choice.classes("min-w-[400px]").mark("model").set_visibility(bool(names))
         self._place = ui.column()
-        choice.on_value_change(lambda: self._read_model(str(choice.value or "")))
+        choice.on_value_change(lambda: self._choose_model(str(choice.value or "")))
         if value:
-            self._read_model(value)
+            self._choose_model(value)
 
-    def on_change(self, follow: Callable[[], object]) -> None:
+    def set_change_handler(self, handler: Callable[[], object]) -> None:
         """Let a form follow the choice, in place of the one before."""
-        self._follow = follow
+        self._follow = handler
 
-    def _read_model(self, name: str) -> None:
+    def _choose_model(self, name: str) -> None:
         """Read a model, or say why it cannot be read; an empty name chooses none."""
         from stepblocks.records.model import read_model
 

@@ -8,7 +8,7 @@ from stepblocks.loop.words import begin_sentence, format_name_in_words, name_eff
 from stepblocks.quantities import format_column_label, format_number, format_units
 from stepblocks.window import texts
 from stepblocks.window.agreement import AskedExperiment, LoopFinding
-from stepblocks.window.frame import make_columns, show_heading
+from stepblocks.window.frame import make_table_columns, show_heading
 
 _NOTHING = "nothing"  # what an effect is told from that has no rival
 _BLOCK_FILE = "next-block.toml"  # beside the result
@@ -68,10 +68,10 @@ def show_next_experiment(finding: LoopFinding, output: str) -> None:
     if asked.block is not None:
         ui.link(texts.DECLARE_BLOCK, f"/declare?file={quote(f'{output}/{_BLOCK_FILE}')}")
     if asked.trials and not asked.note:
-        _show_settings(asked)
+        _show_trial_settings(asked)
 
 
-def _show_settings(asked: AskedExperiment) -> None:
+def _show_trial_settings(asked: AskedExperiment) -> None:
     """Show the settings of the trials that are asked for, the best first."""
     labels = {}
     for name in asked.trials[0]:
@@ -80,11 +80,13 @@ def _show_settings(asked: AskedExperiment) -> None:
         labels[_GAIN] = texts.EXPECTED_GAIN
     rows = []
     for trial in asked.trials:
-        rows.append({name: _format_cell(value) for name, value in trial.items()})
-    ui.table(columns=make_columns(labels), rows=rows, title=texts.NEXT_SETTINGS).mark("settings")
+        rows.append({name: _format_setting(value) for name, value in trial.items()})
+    ui.table(columns=make_table_columns(labels), rows=rows, title=texts.NEXT_SETTINGS).mark(
+        "settings"
+    )
 
 
-def _format_cell(value: float | str) -> str:
+def _format_setting(value: float | str) -> str:
     """Write a setting."""
     if isinstance(value, str):
         return value

@@ -33,7 +33,7 @@ class ScanEdge:
     end: str
 
 
-def list_edges(scan: ScannedProfile | HeightMap) -> list[ScanEdge]:
+def list_scan_edges(scan: ScannedProfile | HeightMap) -> list[ScanEdge]:
     """List the edges of a scan, of a map those of its middle row; none where none stands out."""
     try:
         rows = sample_profiles(scan).rows
@@ -47,9 +47,9 @@ def list_edges(scan: ScannedProfile | HeightMap) -> list[ScanEdge]:
         begin = ""
         end = ""
         if index > 0:
-            begin = _format_place(found[index - 1].end + margin)
+            begin = _format_position(found[index - 1].end + margin)
         if index + 1 < len(found):
-            end = _format_place(found[index + 1].begin - margin)
+            end = _format_position(found[index + 1].begin - margin)
         edges.append(ScanEdge(_name_edge(index + 1, edge), edge.position, begin, end))
     return edges
 
@@ -62,6 +62,6 @@ def _name_edge(number: int, edge: FoundEdge) -> str:
     return texts.EDGE.format(number=number, rise=rise, place=place)
 
 
-def _format_place(position: float) -> str:
+def _format_position(position: float) -> str:
     """Write a place along a profile as an option takes it."""
     return f"{position * 1e6:.6g} um"

@@ -50,7 +50,7 @@ class ScanPicture:
     edges: "tuple[ScanEdge, ...]" = ()
     columns: tuple[float, ...] = ()
 
-    def find_edge(self, column: float) -> "ScanEdge | None":
+    def find_nearest_edge(self, column: float) -> "ScanEdge | None":
         """Return the edge nearest to a column of the picture [pixels]; None without edges."""
         if not self.edges:
             return None
@@ -58,7 +58,7 @@ class ScanPicture:
         return self.edges[distances.index(min(distances))]
 
 
-def draw_scan(path: Path, unit: str | None, channel: str | None) -> ScanPicture:
+def read_and_draw_scan(path: Path, unit: str | None, channel: str | None) -> ScanPicture:
     """Read a scan and draw it, with its edges named.
 
     Raises
@@ -70,10 +70,10 @@ def draw_scan(path: Path, unit: str | None, channel: str | None) -> ScanPicture:
 
     from stepblocks.scans.read import read_scan
     from stepblocks.scans.scan import ScannedProfile
-    from stepblocks.window.scan_edges import list_edges
+    from stepblocks.window.scan_edges import list_scan_edges
 
     scan = read_scan(path, unit, channel)
-    edges = list_edges(scan)
+    edges = list_scan_edges(scan)
     figure = Figure(figsize=_SIZE, dpi=_DOTS, layout="constrained")
     axes = figure.subplots()
     if isinstance(scan, ScannedProfile):
@@ -81,7 +81,7 @@ def draw_scan(path: Path, unit: str | None, channel: str | None) -> ScanPicture:
     else:
         _draw_map(figure, axes, scan)
     _mark_edges(axes, edges)
-    image = encode_figure(figure)  # which lays the figure out, too
+    image = encode_figure_as_data_url(figure)  # which lays the figure out, too
     places = [(1e3 * edge.position, 0.0) for edge in edges]
     columns: list[float] = []
     if places:
@@ -153,7 +153,7 @@ def _mark_edges(axes: "Axes", edges: "Sequence[ScanEdge]") -> None:
         )
 
 
-def encode_figure(figure: "Figure") -> str:
+def encode_figure_as_data_url(figure: "Figure") -> str:
     """Return a figure as the data URL of a PNG."""
     buffer = BytesIO()
     figure.savefig(buffer, format="png", dpi=_DOTS)

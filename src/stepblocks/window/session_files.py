@@ -19,7 +19,7 @@ from stepblocks.mistakes import shorten_value
 from stepblocks.window import texts
 from stepblocks.window.gate import MOST_FILES
 from stepblocks.window.saving import hold_for_saving
-from stepblocks.window.toml_text import BYTE_ORDER_MARK, MalformedTomlError, read_document
+from stepblocks.window.toml_text import BYTE_ORDER_MARK, MalformedTomlError, parse_toml_document
 
 SESSION_FILE = "session.toml"
 # what a damaged archive ends in, a compression that is not known (a RuntimeError), and a password
@@ -151,7 +151,7 @@ class SessionDraft:
         self._before = self._read_text_or_none()
         try:
             text = self._before or "schema = 1\n"
-            self._document = read_document(text.removeprefix(BYTE_ORDER_MARK))
+            self._document = parse_toml_document(text.removeprefix(BYTE_ORDER_MARK))
         except MalformedTomlError as error:
             raise BenchError(texts.NO_TOML.format(name=SESSION_FILE, reason=error)) from error
 
@@ -174,7 +174,7 @@ class SessionDraft:
                 return ""
             value = value[name]
         if setting.part is not None:
-            value = _read_part(value, setting.part)
+            value = _read_channel_part(value, setting.part)
         return "" if isinstance(value, Mapping) else str(value)
 
     def write_setting(self, setting: Setting, text: str) -> None:
@@ -194,7 +194,7 @@ class SessionDraft:
         if setting.part is None:
             table[setting.path[-1]] = text
         else:
-            _write_part(table, setting, setting.part, text)
+            _write_channel_part(table, setting, setting.part, text)
 
     def save(self) -> None:
         """Write the file.
@@ -227,7 +227,7 @@ class SessionDraft:
         return next(iter(sorted(self.folder.glob(pattern))), None)
 
 
-def _read_part(channel: object, part: ChannelPart) -> object:
+def _read_channel_part(channel: object, part: ChannelPart) -> object:
     """Return a part of a channel, which may be its column alone; empty where it has no such."""
     if isinstance(channel, Mapping):
         return channel.get(part.value, "")
@@ -236,7 +236,7 @@ def _read_part(channel: object, part: ChannelPart) -> object:
     return ""
 
 
-def _write_part(channels: Any, setting: Setting, part: ChannelPart, text: str) -> None:
+def _write_channel_part(channels: Any, setting: Setting, part: ChannelPart, text: str) -> None:
     """Set a part of a channel; with a unit or factor its column alone becomes a table."""
     name = setting.path[-1]
     channel = channels.get(name)
@@ -253,12 +253,12 @@ def _write_part(channels: Any, setting: Setting, part: ChannelPart, text: str) -
     if not text:
         del channel[part.value]
     elif part is ChannelPart.FACTOR:
-        channel[part.value] = _read_factor(text)
+        channel[part.value] = _parse_factor(text)
     else:
         channel[part.value] = text
 
 
-def _read_factor(text: str) -> float | str:
+def _parse_factor(text: str) -> float | str:
     """Return a factor as a number where it is one, else as it is written (2.35 N/V)."""
     try:
         return float(text)

@@ -11,7 +11,7 @@ from stepblocks.errors import PipelineError, StepblocksError
 from stepblocks.files.text import is_file
 from stepblocks.window import texts
 from stepblocks.window.command_form import CommandForm, FormCommand, Question
-from stepblocks.window.command_line import format_call, format_object
+from stepblocks.window.command_line import format_constructor_call, format_function_call
 from stepblocks.window.folder import Folder, Kind
 from stepblocks.window.frame import is_gone, show_heading, show_message
 from stepblocks.window.jobs import Job, JobList
@@ -19,8 +19,8 @@ from stepblocks.window.set_request import (
     FIRST_KIND,
     design_and_list_marks,
     format_target,
-    keep_filled,
-    read_request,
+    keep_filled_answers,
+    read_set_request,
 )
 from stepblocks.window.target_axis import TargetAxis
 
@@ -33,21 +33,23 @@ _QUIET = 0.25  # a set is designed as the command does when nothing has changed 
 class _SetDesignCommand(FormCommand):
     """Its function returns the set; what was designed is written and drawn by two more lines."""
 
-    def write_python(self, answers: Mapping[str, str]) -> str:
+    def format_python(self, answers: Mapping[str, str]) -> str:
         """Write the lines that design, write and draw; nothing where an answer is no number."""
-        filled = keep_filled(answers)
+        filled = keep_filled_answers(answers)
         try:
-            request = read_request(answers)
+            request = read_set_request(answers)
         except PipelineError:
             return ""
         options = dict(request.options)
         if request.route:
             step = request.route.get("step")
-            options["route"] = format_object("MakingRoute", request.route["kind"], step=step)
+            options["route"] = format_constructor_call(
+                "MakingRoute", request.route["kind"], step=step
+            )
         arguments: list[object] = [request.name]
         if request.targets:
             arguments.append(request.targets)
-        call = format_call("design_set", *arguments, **options)
+        call = format_function_call("design_set", *arguments, **options)
         lines = [call.replace("\n\n", "\n\ndesign = ", 1)]
         lines.append(f"design.stimuli.to_toml({filled['file']!r})")
         if "plot" in filled:
@@ -82,7 +84,7 @@ def make_set_design_command(stimuli: list[str]) -> FormCommand:
 class _TargetsQuestion(Question):
     """Targets are an option each."""
 
-    def make_words(self, answer: str) -> list[str]:
+    def make_command_words(self, answer: str) -> list[str]:
         """Return the words of the command for targets with commas between them."""
         words = []
         for target in answer.split(","):
@@ -116,7 +118,7 @@ class SetForm:
         show_heading(texts.SET_PAGE)
         ui.label(texts.SET_HELP)
         ui.label(texts.AXIS_HELP)
-        self._axis = TargetAxis(self._follow_hand, self._design_soon)
+        self._axis = TargetAxis(self._fill_in_dragged_targets, self._request_design)
         with ui.row().classes("items-center"):
             ui.button(texts.ADD_TARGET, on_click=self._axis.add_above_highest).props("no-caps")
             self._state = ui.label().props("role=status").mark("design-state")
@@ -126,18 +128,18 @@ class SetForm:
             make_set_design_command(stimuli),
             self._folder,
             self._jobs,
-            self._show_set,
-            on_answers=self._design_soon,
+            self._show_designed_set,
+            on_changed_answers=self._request_design,
         )
         self._form.build()
-        ui.timer(0.0, self._design_soon, once=True)
+        ui.timer(0.0, self._request_design, once=True)
 
-    def _follow_hand(self, energies: list[float]) -> None:
+    def _fill_in_dragged_targets(self, energies: list[float]) -> None:
         """Put the targets of the axis into the form in place of what was said of them."""
         targets = ", ".join(format_target(energy) for energy in energies)
-        self._form.fill_in({**dict.fromkeys(_SPACING, ""), "targets": targets})
+        self._form.fill_in_answers({**dict.fromkeys(_SPACING, ""), "targets": targets})
 
-    def _design_soon(self) -> None:
+    def _request_design(self) -> None:
         """Design the set for what the form says now, without making the page wait."""
         self._changes += 1
         if not self._is_designing:
@@ -174,7 +176,7 @@ class SetForm:
         if number != self._changes or is_gone(self._state):  # somebody moved on
             return False
         if marks is not None:
-            self._axis.show(marks)
+            self._axis.show_marks(marks)
             problems = [target.problem for target in marks.targets if target.problem]
         self._problems.clear()
         with self._problems:
@@ -183,7 +185,7 @@ class SetForm:
         self._state.set_text(texts.DESIGNED_BY_FORMULA if is_quick else texts.DESIGNED)
         return marks is not None
 
-    def _show_set(self, job: Job) -> None:
+    def _show_designed_set(self, job: Job) -> None:
         """Show the picture of a set that was designed, and where it can be changed."""
         file = job.command.words[1]
         if not is_file(self._folder.resolve(file)):

@@ -9,7 +9,7 @@ from stepblocks.errors import PipelineError
 from stepblocks.mistakes import shorten_value
 from stepblocks.quantities import format_number
 from stepblocks.window import texts
-from stepblocks.window.command_form import split_list
+from stepblocks.window.command_form import split_at_commas
 from stepblocks.window.folder import Folder
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ class SetRequest:
     route: dict[str, str] = field(default_factory=dict)
 
 
-def keep_filled(answers: Mapping[str, str]) -> dict[str, str]:
+def keep_filled_answers(answers: Mapping[str, str]) -> dict[str, str]:
     """Return the answers that say something, without blanks around them."""
     filled = {}
     for name, text in answers.items():
@@ -52,7 +52,7 @@ def keep_filled(answers: Mapping[str, str]) -> dict[str, str]:
     return filled
 
 
-def read_request(answers: Mapping[str, str]) -> SetRequest:
+def read_set_request(answers: Mapping[str, str]) -> SetRequest:
     """Read the answers of the form of a set.
 
     Raises
@@ -60,16 +60,16 @@ def read_request(answers: Mapping[str, str]) -> SetRequest:
     PipelineError
         If an answer that must be a number is none.
     """
-    filled = keep_filled(answers)
+    filled = keep_filled_answers(answers)
     options: dict[str, Any] = {}
     for name in _AS_GIVEN:
         if name in filled:
             options[name] = filled[name]
     if "number" in filled:
-        options["number"] = _read_number(filled, "number", int)
+        options["number"] = _read_number_answer(filled, "number", int)
     conditions: dict[str, object] = {}
     if "friction" in filled:
-        conditions["frictions"] = [_read_number(filled, "friction", float)]
+        conditions["frictions"] = [_read_number_answer(filled, "friction", float)]
     if "load" in filled:
         conditions["normal_loads"] = [filled["load"]]
     if conditions:
@@ -81,18 +81,18 @@ def read_request(answers: Mapping[str, str]) -> SetRequest:
         route["step"] = filled["step"]
     targets = []
     if "targets" in filled:
-        targets = split_list(filled["targets"])
+        targets = split_at_commas(filled["targets"])
     return SetRequest(PurePosixPath(filled.get("file", "")).stem, targets, options, route)
 
 
-def _read_number(
-    filled: Mapping[str, str], name: str, read: Callable[[str], int | float]
+def _read_number_answer(
+    filled: Mapping[str, str], name: str, parse: Callable[[str], int | float]
 ) -> int | float:
-    """Read an answer that must be a number; `read` is that of its type."""
+    """Read an answer that must be a number; `parse` is that of its type."""
     try:
-        return read(filled[name])
+        return parse(filled[name])
     except ValueError as error:
-        what = texts.WHOLE_NUMBER if read is int else texts.ANY_NUMBER
+        what = texts.WHOLE_NUMBER if parse is int else texts.ANY_NUMBER
         raise PipelineError(
             texts.NO_NUMBER.format(name=name, what=what, value=shorten_value(filled[name]))
         ) from error
@@ -147,7 +147,7 @@ def design_and_list_marks(
     from stepblocks.predict.set_design.route import MakingRoute
     from stepblocks.predict.set_design.run import design_set
 
-    request = read_request(answers)
+    request = read_set_request(answers)
     options = dict(request.options)
     if "base" in options:
         options["base"] = folder.resolve(options["base"])
@@ -155,10 +155,10 @@ def design_and_list_marks(
         options["route"] = MakingRoute(**request.route)
     if is_quick:
         options["model"] = _QUICK
-    return list_marks(design_set(request.name or FIRST_KIND, request.targets, **options))
+    return list_axis_marks(design_set(request.name or FIRST_KIND, request.targets, **options))
 
 
-def list_marks(design: "SetDesign") -> SetMarks:
+def list_axis_marks(design: "SetDesign") -> SetMarks:
     """List the targets and blocks of a designed set."""
     targets = [AxisMark(block.target_energy, block.wanted) for block in design.blocks]
     for miss in design.missed:

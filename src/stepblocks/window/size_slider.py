@@ -14,7 +14,7 @@ from nicegui import events, ui
 from stepblocks.errors import QuantityError
 from stepblocks.quantities import format_units, parse_quantity
 from stepblocks.window import texts
-from stepblocks.window.toml_text import MalformedTomlError, read_value
+from stepblocks.window.toml_text import MalformedTomlError, parse_toml_value
 
 _ENTRY = re.compile(r"\s*(?P<number>[0-9.]+(e-?[0-9]+)?)\s*(?P<unit>[A-Za-zµ]+)\s*")
 _LOWEST, _HIGHEST = 0.2, 2.0  # ends of the slider, in the entry that it begins with [1]
@@ -100,15 +100,15 @@ class Size:
         text = self.range.format_entry(value)
         if not self.place:
             return text
-        table = _parse_entry(entry)
-        if _find_value(table, self.place) is None:
+        table = _parse_toml_value(entry)
+        if _find_value_at(table, self.place) is None:
             return entry
-        holder = _find_value(table, self.place[:-1])
+        holder = _find_value_at(table, self.place[:-1])
         holder[self.place[-1]] = text
         return str(table.as_string())
 
 
-def read_range(entry: object) -> SizeRange | None:
+def read_size_range(entry: object) -> SizeRange | None:
     """Read what an entry of a form lets a slider go over; None where it is no plain length."""
     if not isinstance(entry, str):
         return None
@@ -124,61 +124,61 @@ def read_range(entry: object) -> SizeRange | None:
     return SizeRange(float(found["number"]), found["unit"])
 
 
-def list_sizes(entry: str) -> list[Size]:
+def list_slidable_sizes(entry: str) -> list[Size]:
     """List the lengths within an entry that sliders can change, twelve at most."""
-    plain = read_range(entry)
+    plain = read_size_range(entry)
     if plain is not None:
         return [Size((), plain)]
-    table = _parse_entry(entry)
+    table = _parse_toml_value(entry)
     if not isinstance(table, Mapping):
         return []
-    sizes = _list_ends(table)
+    sizes = _list_series_ends(table)
     places: list[tuple[str | int, ...]] = [(_NOMINAL,)]
     values = table.get(_VALUES)
     if isinstance(values, Sequence) and not isinstance(values, str):
         places += [(_VALUES, number) for number in range(len(values))]
     for place in places:
-        size = read_range(_find_value(table, place))
+        size = read_size_range(_find_value_at(table, place))
         if size is not None:
             sizes.append(Size(place, size))
     return sizes[:MOST_SLIDERS]
 
 
-def _list_ends(table: Mapping[str, Any]) -> list[Size]:
+def _list_series_ends(table: Mapping[str, Any]) -> list[Size]:
     """List the ends of a series, each of which moves by whole distances of its sizes."""
-    step = read_range(table.get(_DISTANCE))
+    step = read_size_range(table.get(_DISTANCE))
     if step is None:
         return []
     ends = []
     for key in _ENDS:
-        end = read_range(table.get(key))
+        end = read_size_range(table.get(key))
         if end is not None and end.unit == step.unit:
             ends.append(Size((key,), replace(end, grid=step.value)))
     return ends
 
 
 def add_slider(
-    field: str, size: Size, read: Callable[[], str], write: Callable[[str], object]
+    field_name: str, size: Size, read_entry: Callable[[], str], write_entry: Callable[[str], object]
 ) -> None:
     """Add a slider that changes a size within the entry of a field.
 
     Parameters
     ----------
-    field : str
+    field_name : str
         Its name.
     size : Size
-    read, write : callable
+    read_entry, write_entry : callable
         Return the entry as it is, and receive it as changed while the slider is moved.
     """
     given = size.range
-    name = f"{field} {size.place_label}".strip()
+    name = f"{field_name} {size.place_label}".strip()
     label = texts.SLIDE.format(field=name, unit=format_units(given.unit))
     ui.label(label)
 
     def change_size(event: events.ValueChangeEventArguments[float | None]) -> None:
         """Write the size of the slider into the entry."""
         if event.value is not None:
-            write(size.replace_in_entry(read(), event.value))
+            write_entry(size.replace_in_entry(read_entry(), event.value))
 
     slider = ui.slider(
         min=given.low, max=given.high, step=given.step, value=given.value, on_change=change_size
@@ -186,19 +186,19 @@ def add_slider(
     slider.props(f'label aria-label="{label}"').classes("w-full").mark("slider")
 
 
-def _parse_entry(entry: str) -> Any:
+def _parse_toml_value(entry: str) -> Any:
     """Read an entry as a value of TOML; None where it is none."""
     try:
-        return read_value(entry)
+        return parse_toml_value(entry)
     except MalformedTomlError:
         return None
 
 
-def _find_value(table: Any, place: tuple[str | int, ...]) -> Any:
+def _find_value_at(table: Any, keys: tuple[str | int, ...]) -> Any:
     """Return what stands at a place of a table; None where nothing does."""
     value = table
     try:
-        for part in place:
+        for part in keys:
             value = value[part]
     except (KeyError, IndexError, TypeError):
         return None

@@ -5,10 +5,10 @@ from collections.abc import Mapping
 from nicegui import ui
 
 from stepblocks.window import texts
-from stepblocks.window.command_form import CommandForm, FormCommand, Question, split_list
+from stepblocks.window.command_form import CommandForm, FormCommand, Question, split_at_commas
 from stepblocks.window.folder import Folder, Kind
 from stepblocks.window.frame import show_heading
-from stepblocks.window.job_view import show_page
+from stepblocks.window.job_view import show_embedded_page
 from stepblocks.window.jobs import Job, JobList
 
 _EXPERIMENTS = ("estimates", "virtual", "constant", "magnitude", "2afc", "adaptive")
@@ -38,7 +38,7 @@ def make_design_command(stimuli: list[str]) -> FormCommand:
         "participants", texts.PARTICIPANTS, "--participants", "participants", "10", read=int
     )
     probes = Question(
-        "probes", texts.PROBES, "--probes", "probes", "bare,hard,soft", read=split_list
+        "probes", texts.PROBES, "--probes", "probes", "bare,hard,soft", read=split_at_commas
     )
     repetitions = Question(
         "repetitions", texts.REPETITIONS, "--repetitions", "repetitions", "3", read=int
@@ -103,7 +103,7 @@ def make_run_command(studies: list[str], stimuli: list[str]) -> FormCommand:
         ("study", "run", "--no-open"),
         "open_run",
         questions,
-        make_address=lambda answers: f"http://127.0.0.1:{answers['port']}/",
+        make_served_address=lambda answers: f"http://127.0.0.1:{answers['port']}/",
     )
 
 
@@ -177,7 +177,7 @@ class StudyPage:
             show_steps,
         )
         with design:
-            form.build(self._choose_first())
+            form.build(self._answer_with_first_entries())
         show_steps()
 
     def _show_steps(self) -> None:
@@ -187,7 +187,7 @@ class StudyPage:
             ui.label(texts.NO_STUDY)
             return
         stimuli = self._folder.list_felt_files()
-        first = self._choose_first()
+        first = self._answer_with_first_entries()
         answers = f"{first['study']}/answers.csv"
         for command in (
             make_sheets_command(studies),
@@ -203,13 +203,15 @@ class StudyPage:
 
     def _show_report(self, job: Job) -> None:
         """Show the report of an analysis."""
-        show_page(self._folder, job.command.page, texts.REPORT_OF.format(title=texts.ANALYSE))
+        show_embedded_page(
+            self._folder, job.command.page, texts.REPORT_OF.format(title=texts.ANALYSE)
+        )
 
     def _list_names(self, kind: Kind) -> list[str]:
         """List the names of the entries of a kind."""
         return self._folder.list_names(kind)
 
-    def _choose_first(self) -> dict[str, str]:
+    def _answer_with_first_entries(self) -> dict[str, str]:
         """Answer the questions of a file and a study where the folder has just one of them."""
         answers = {}
         for name, found in (

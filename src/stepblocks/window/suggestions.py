@@ -4,7 +4,11 @@ from collections.abc import Callable
 from pathlib import PurePosixPath
 
 from stepblocks.window import texts
-from stepblocks.window.command_line import ShownCommand, format_call, protect_leading_hyphen
+from stepblocks.window.command_line import (
+    ShownCommand,
+    format_function_call,
+    protect_leading_hyphen,
+)
 from stepblocks.window.folder import Entry, Kind
 
 
@@ -25,20 +29,24 @@ def suggest_commands(entry: Entry) -> list[ShownCommand]:
 def _suggest_for_stimuli(name: str) -> list[ShownCommand]:
     """Return the commands that predict, build, draw and study the stimuli of a file."""
     word = protect_leading_hyphen(name)
-    predict = ShownCommand(texts.PREDICT, ("predict", word), format_call("predict_set", name))
+    predict = ShownCommand(
+        texts.PREDICT, ("predict", word), format_function_call("predict_set", name)
+    )
     build = ShownCommand(
         texts.BUILD,
         ("build", word, "-o", "out"),
-        format_call("build_sets", [name], "out"),
+        format_function_call("build_sets", [name], "out"),
         "out/index.html",
     )
     draw = ShownCommand(
-        texts.DRAW, ("workshop", word, "-o", "out"), format_call("order_parts", [name], "out")
+        texts.DRAW,
+        ("workshop", word, "-o", "out"),
+        format_function_call("order_parts", [name], "out"),
     )
     design = ShownCommand(
         texts.DESIGN,
         ("study", "design", word, "--seed", "1", "-o", "study"),
-        format_call("design_study", name, "study", seed=1),
+        format_function_call("design_study", name, "study", seed=1),
     )
     return [predict, build, draw, design]
 
@@ -49,7 +57,7 @@ def _suggest_for_scan(name: str) -> list[ShownCommand]:
         ShownCommand(
             texts.LIST_CHANNELS,
             ("inspect", protect_leading_hyphen(name), "--list-channels"),
-            format_call("list_channels", name),
+            format_function_call("list_channels", name),
         )
     ]
 
@@ -63,12 +71,12 @@ def _suggest_for_session(name: str) -> list[ShownCommand]:
     measure = ShownCommand(
         texts.MEASURE,
         ("measure", word, "-o", features),
-        format_call("measure_session", name, features),
+        format_function_call("measure_session", name, features),
     )
     explain = ShownCommand(
         texts.LOOP,
         ("loop", word, "-o", report),
-        format_call("loop_session", name, report),
+        format_function_call("loop_session", name, report),
         f"{report}/report.html",
     )
     return [measure, explain]
@@ -80,7 +88,7 @@ def _suggest_for_study(name: str) -> list[ShownCommand]:
         ShownCommand(
             texts.SHEETS,
             ("study", "sheet", protect_leading_hyphen(name)),
-            format_call("write_sheets", name),
+            format_function_call("write_sheets", name),
             f"{name}/run-sheets.html",
         )
     ]

@@ -75,10 +75,10 @@ class TargetAxis:
             self._targets = ui.element("div")
             self._blocks = ui.element("div").props("role=list").mark("blocks")
         self._axis.props(f'role=group aria-label="{texts.TARGET_AXIS}"')
-        self._axis.on("pointerdown", self._grab, js_handler=_GRAB)
-        self._axis.on("pointermove", self._move, throttle=_PERIOD, js_handler=_MOVE)
-        self._axis.on("pointerup", self._release)
-        self._axis.on("pointercancel", self._release)
+        self._axis.on("pointerdown", self._hold_target, js_handler=_GRAB)
+        self._axis.on("pointermove", self._move_held_target, throttle=_PERIOD, js_handler=_MOVE)
+        self._axis.on("pointerup", self._release_held_target)
+        self._axis.on("pointercancel", self._release_held_target)
         ui.label(texts.AXIS_ENERGY).classes("w-full text-center")
 
     @property
@@ -91,23 +91,23 @@ class TargetAxis:
         """Energies of the targets [J], in the order in which they were first shown."""
         return list(self._energies)
 
-    def show(self, marks: SetMarks) -> None:
+    def show_marks(self, marks: SetMarks) -> None:
         """Show targets and blocks; targets that a hand has moved stay where they are."""
         if not self.is_held:
-            self._choose_ends([*marks.targets, *marks.blocks])
+            self._choose_axis_ends([*marks.targets, *marks.blocks])
             self._draw_ticks()
         self._show_targets([mark.energy for mark in marks.targets])
         self._mark_missed_targets(marks.targets)
         self._show_blocks(marks.blocks)
 
-    def _choose_ends(self, marks: Sequence[AxisMark]) -> None:
+    def _choose_axis_ends(self, marks: Sequence[AxisMark]) -> None:
         """Let the axis go beyond all marks."""
         energies = [mark.energy for mark in marks if mark.energy > 0.0]
         if energies:
             self._low = min(energies) / _BESIDE
             self._high = max(energies) * _BESIDE
 
-    def _find_place(self, energy: float) -> float:
+    def _compute_axis_share(self, energy: float) -> float:
         """Return where an energy [J] lies, as a share of the axis, 0 to 1."""
         share = math.log(max(energy, self._low) / self._low) / math.log(self._high / self._low)
         return min(share, 1.0)
@@ -118,7 +118,7 @@ class TargetAxis:
         with self._scale:
             for energy in list_round_energies(self._low, self._high):
                 tick = ui.label(format_number(energy / _MICROJOULE)).classes("axis-tick")
-                tick.style(f"left: {100.0 * self._find_place(energy):.2f}%")
+                tick.style(f"left: {100.0 * self._compute_axis_share(energy):.2f}%")
 
     def _show_targets(self, energies: list[float]) -> None:
         """Put the marks of the targets where they are; they are made anew where one came or went.
@@ -127,12 +127,12 @@ class TargetAxis:
         """
         if len(energies) != len(self._energies):
             self._energies = energies
-            self._remake_marks()
-        elif not self.is_held and _differ_as_written(energies, self._energies):
+            self._remake_target_marks()
+        elif not self.is_held and _differ_in_written_digits(energies, self._energies):
             self._energies = energies
-        self._place_marks()
+        self._place_target_marks()
 
-    def _remake_marks(self) -> None:
+    def _remake_target_marks(self) -> None:
         """Make a mark for each target."""
         self._targets.clear()
         self._marks = []
@@ -145,13 +145,13 @@ class TargetAxis:
                 mark.on("keydown", self._make_target_key_handler(number), js_handler=keys)
                 self._marks.append(mark)
 
-    def _place_marks(self) -> None:
+    def _place_target_marks(self) -> None:
         """Put each mark at its energy."""
         low, high = (format_number(end / _MICROJOULE) for end in (self._low, self._high))
         for energy, mark in zip(self._energies, self._marks, strict=True):
             now = format_number(energy / _MICROJOULE)
             text = format_units(format_target(energy))
-            mark.style(f"left: {100.0 * self._find_place(energy):.2f}%")
+            mark.style(f"left: {100.0 * self._compute_axis_share(energy):.2f}%")
             mark.props(f"aria-valuemin={low} aria-valuemax={high} aria-valuenow={now}")
             mark.props(f'aria-valuetext="{text}" title="{text}"')
 
@@ -169,19 +169,19 @@ class TargetAxis:
         self._blocks.clear()
         with self._blocks:
             for number, block in enumerate(blocks):
-                place = 100.0 * self._find_place(block.energy)
+                place = 100.0 * self._compute_axis_share(block.energy)
                 shown = ui.element("div").classes("axis-block").props("role=listitem")
                 shown.style(f"left: {place:.2f}%; --row: {number % _ROWS}")
                 with shown:
                     ui.label(block.label)
 
-    def _grab(self, event: events.GenericEventArguments) -> None:
+    def _hold_target(self, event: events.GenericEventArguments) -> None:
         """Hold the target that a hand has come down on."""
         number = event.args
         if isinstance(number, int) and 0 <= number < len(self._energies):
             self._held = number
 
-    def _move(self, event: events.GenericEventArguments) -> None:
+    def _move_held_target(self, event: events.GenericEventArguments) -> None:
         """Move the target that is held to a share of the axis."""
         share = event.args
         if self._held is None or not isinstance(share, int | float) or not math.isfinite(share):
@@ -189,7 +189,7 @@ class TargetAxis:
         share = min(max(float(share), 0.0), 1.0)
         self._set_energy(self._held, self._low * (self._high / self._low) ** share)
 
-    def _release(self) -> None:
+    def _release_held_target(self) -> None:
         """Let go of the target that is held."""
         if self._held is not None:
             self._held = None
@@ -204,7 +204,7 @@ class TargetAxis:
             """Take the target away, or move it by a step."""
             key = str(event.args)
             if key in _TAKE_AWAY:
-                self.remove(number)
+                self.remove_target(number)
             elif key in _STEPS and number < len(self._energies):
                 factor = 10.0 ** (_STEPS[key] / _LEVEL)
                 self._set_energy(number, self._energies[number] * factor)
@@ -215,23 +215,23 @@ class TargetAxis:
         """Add a target above the highest one."""
         highest = max(self._energies, default=_MICROJOULE)
         self._energies = [*self._energies, highest * 10.0 ** (_NEXT / _LEVEL)]
-        self._remake_marks()
-        self._place_marks()
+        self._remake_target_marks()
+        self._place_target_marks()
         self._on_change(self.energies)
 
-    def remove(self, number: int) -> None:
+    def remove_target(self, number: int) -> None:
         """Remove the target of a number, counted from 0; the only one stays."""
         if len(self._energies) < 2 or number >= len(self._energies):
             return
         self._energies = [*self._energies[:number], *self._energies[number + 1 :]]
-        self._remake_marks()
-        self._place_marks()
+        self._remake_target_marks()
+        self._place_target_marks()
         self._on_change(self.energies)
 
     def _set_energy(self, number: int, energy: float) -> None:
         """Move a target to an energy [J], and report all energies to `on_change`."""
         self._energies[number] = energy
-        self._place_marks()
+        self._place_target_marks()
         self._on_change(self.energies)
 
 
@@ -246,6 +246,6 @@ def list_round_energies(low: float, high: float) -> list[float]:
     return found
 
 
-def _differ_as_written(energies: Sequence[float], shown: Sequence[float]) -> bool:
+def _differ_in_written_digits(energies: Sequence[float], shown: Sequence[float]) -> bool:
     """Tell whether energies [J] differ from those shown, to the digits that are written."""
     return Counter(map(format_target, energies)) != Counter(map(format_target, shown))

@@ -29,7 +29,7 @@ def _refuse_malformed() -> Iterator[None]:
         raise MalformedTomlError(str(error).partition(";")[0]) from error
 
 
-def read_tables(text: str) -> dict[str, Any]:
+def parse_toml_tables(text: str) -> dict[str, Any]:
     """Return the tables of a text.
 
     Raises
@@ -41,7 +41,7 @@ def read_tables(text: str) -> dict[str, Any]:
         return tomllib.loads(text)
 
 
-def read_document(text: str) -> tomlkit.TOMLDocument:
+def parse_toml_document(text: str) -> tomlkit.TOMLDocument:
     """Return a text as a document that can be changed; comments and order stay.
 
     Raises
@@ -53,7 +53,7 @@ def read_document(text: str) -> tomlkit.TOMLDocument:
         return tomlkit.parse(text)
 
 
-def read_value(text: str) -> Item:
+def parse_toml_value(text: str) -> Item:
     """Return a text as one value.
 
     Raises

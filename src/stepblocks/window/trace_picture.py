@@ -8,7 +8,7 @@ import numpy as np
 from stepblocks.errors import BenchError
 from stepblocks.files.text_table import read_text_table
 from stepblocks.window import texts
-from stepblocks.window.scan_picture import encode_figure
+from stepblocks.window.scan_picture import encode_figure_as_data_url
 
 _MOST_COLUMNS = 8  # that are drawn
 _MOST_POINTS = 4000  # of a column that are drawn
@@ -31,7 +31,7 @@ class TracePicture:
     image: str
 
 
-def draw_trace(path: Path) -> TracePicture:
+def read_and_draw_trace(path: Path) -> TracePicture:
     """Read a trace in text and draw each of its columns over the rows.
 
     Raises
@@ -57,4 +57,4 @@ def draw_trace(path: Path) -> TracePicture:
         axes.plot(rows[::step], columns[name][::step], linewidth=0.8)
         axes.set_ylabel(name)
     all_axes[-1].set_xlabel(texts.AXIS_ROWS)
-    return TracePicture(tuple(columns), encode_figure(figure))
+    return TracePicture(tuple(columns), encode_figure_as_data_url(figure))

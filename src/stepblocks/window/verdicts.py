@@ -29,7 +29,7 @@ class FileVerdict:
     failures: tuple[str, ...]
 
 
-def list_verdicts(output: Path, parts: Iterable[str]) -> list[FileVerdict]:
+def list_file_verdicts(output: Path, parts: Iterable[str]) -> list[FileVerdict]:
     """List the verdicts on the files of stimuli in an output folder; of what is not made none."""
     found = []
     for part in parts:

@@ -21,7 +21,7 @@ from stepblocks.window.frame import Page, build_frame
 from stepblocks.window.gate import Gate
 from stepblocks.window.jobs import JobList
 from stepblocks.window.left_drafts import LeftDrafts
-from stepblocks.window.many_files import add_many_script
+from stepblocks.window.many_files import add_many_files_script
 from stepblocks.window.set_page import SetPage
 from stepblocks.window.start_page import StartPage
 from stepblocks.window.study_page import StudyPage
@@ -67,7 +67,7 @@ class Window:
     def build(self) -> None:
         """Make the page that the address names."""
         add_folder_script()
-        add_many_script()
+        add_many_files_script()
         build_frame(self.pages)
 
     # what these need is loaded when they are opened: the first page is there at once
@@ -96,7 +96,7 @@ class Window:
 
         BenchPage(self.folder, self.jobs).build(session)
 
-    def serve_file(self, name: str) -> Response:
+    def answer_with_file(self, name: str) -> Response:
         """Answer with a file of the folder; of what lies outside it there is none."""
         try:
             path = self.folder.resolve(name)
@@ -112,7 +112,7 @@ def make_app(window: Window, port: int, token: str) -> Gate:
     """Make what a server runs: the pages and the files of a window, behind its gate."""
     site = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     site.add_api_route(
-        f"{window.folder.address}{{name:path}}", window.serve_file, response_model=None
+        f"{window.folder.address}{{name:path}}", window.answer_with_file, response_model=None
     )
     ui.run_with(
         site,
@@ -123,11 +123,11 @@ def make_app(window: Window, port: int, token: str) -> Gate:
         show_welcome_message=False,
         reconnect_timeout=_PATIENCE,
     )
-    framework.on_exception(_show_failure)
+    framework.on_exception(_show_internal_error)
     return Gate(site, port, token, window.folder.address)
 
 
-def _show_failure() -> None:
+def _show_internal_error() -> None:
     """Say in the window that something went wrong; what it was stands in the terminal."""
     with suppress(RuntimeError):  # of work for a page that was closed, nobody is told
         ui.notify(texts.INTERNAL_ERROR, type="negative")

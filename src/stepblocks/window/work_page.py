@@ -32,7 +32,7 @@ class WorkPage:
         def update() -> None:
             for job in reversed(self._jobs.latest_first):
                 if job.number not in views:
-                    views[job.number], again[job.number] = self._add_view(job, place)
+                    views[job.number], again[job.number] = self._add_job_view(job, place)
                 views[job.number].update()
                 again[job.number].set_visibility(views[job.number].is_final)
             empty.set_visibility(not views)
@@ -40,7 +40,7 @@ class WorkPage:
         update()
         ui.timer(PERIOD, update)
 
-    def _add_view(self, job: Job, place: ui.element) -> tuple[JobView, ui.button]:
+    def _add_job_view(self, job: Job, place: ui.element) -> tuple[JobView, ui.button]:
         """Show a job above those that were started before it, with a button that runs it again."""
         with place, ui.column().classes("w-full") as shown:
             show_job_heading(job)

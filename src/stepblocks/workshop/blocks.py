@@ -7,14 +7,14 @@ from stepblocks.parts.kinds.margin import MarginBlock
 from stepblocks.parts.kinds.step_block import MetrologyFeature, StepBlock
 from stepblocks.parts.relief import Relief
 from stepblocks.parts.second_step import SECOND, SecondStep
-from stepblocks.workshop.body_views import TOP_VIEW, BodyOnPaper, draw_body
+from stepblocks.workshop.body_views import TOP_VIEW, BodyOnPaper, draw_body_views
 from stepblocks.workshop.paper import (
     MILLIMETRES_PER_METRE,
     Alignment,
     Layer,
     Point,
     View,
-    choose_scale,
+    choose_standard_scale,
     format_scale,
 )
 from stepblocks.workshop.sheet import Sheet, UnwrittenNotes
@@ -40,7 +40,7 @@ _ROOTS_OF_BOTH_STEPS = "Roots: fillet or undercut up to the height of the step."
 
 def draw_step_block_views(sheet: Sheet, block: StepBlock) -> UnwrittenNotes:
     """Draw all views of a step block; return the notes to be written."""
-    sizes = draw_body(sheet, block.body, block.id)
+    sizes = draw_body_views(sheet, block.body, block.id)
     x, y = TOP_VIEW
     half_width = sizes.half_width
     sheet.draw_line((x, y - half_width), (x, y + half_width))
@@ -53,7 +53,7 @@ def draw_step_block_views(sheet: Sheet, block: StepBlock) -> UnwrittenNotes:
     _draw_step_detail(sheet, first)
     second = block.second_step
     if second is not None:
-        _draw_second_edge(sheet, second, sizes)
+        _draw_second_edge_from_above(sheet, second, sizes)
         for edge in further:
             _draw_step_detail(sheet, edge)
     relief = block.relief
@@ -70,7 +70,7 @@ def draw_step_block_views(sheet: Sheet, block: StepBlock) -> UnwrittenNotes:
     ]
     feature = block.metrology
     if feature is not None:
-        _draw_feature(sheet, feature, sizes)
+        _draw_feature_from_above(sheet, feature, sizes)
         _draw_feature_detail(sheet, block, feature)
         number = sheet.listed[feature.depth_key].number
         measured = f"{feature.kind.capitalize()} ({number}): ISO 5436-1 type A1."
@@ -94,7 +94,7 @@ def _describe_inner_corners(relief: Relief | None) -> str:
 
 def draw_margin_block_views(sheet: Sheet, margin: MarginBlock) -> UnwrittenNotes:
     """Draw all views of a margin block; return the notes to be written."""
-    sizes = draw_body(sheet, margin.body, margin.id)
+    sizes = draw_body_views(sheet, margin.body, margin.id)
     x, y = TOP_VIEW
     half_width = sizes.half_width
     crown_x = x + sizes.scale_length(margin.marginal_gap.nominal)
@@ -121,7 +121,7 @@ def _describe_sharp_edges(block: StepBlock) -> str:
     return f"Not broken: {', '.join(kept)}."
 
 
-def _draw_feature(sheet: Sheet, feature: MetrologyFeature, sizes: BodyOnPaper) -> None:
+def _draw_feature_from_above(sheet: Sheet, feature: MetrologyFeature, sizes: BodyOnPaper) -> None:
     """Draw groove or ridge in the view from above, with distance and length."""
     x, y = TOP_VIEW
     upper = y + sizes.half_width
@@ -167,12 +167,12 @@ class _EdgeDetail:
     face_count: int = 2  # faces of which its roughness is asked; 0 where another detail states it
 
     @property
-    def radius_level(self) -> float:
+    def radius_text_level(self) -> float:
         """Where its radius stands, from the upper face [mm]; above it where the edge falls."""
         return 10.0 if self.falls else -8.0
 
     @property
-    def state_level(self) -> float:
+    def state_symbol_level(self) -> float:
         """Where the state of the edge stands, from the upper face [mm]."""
         return 2.0 if self.falls else -16.0
 
@@ -192,7 +192,7 @@ def _list_felt_edge_details(block: StepBlock) -> list[_EdgeDetail]:
     return drawn
 
 
-def _draw_second_edge(sheet: Sheet, second: SecondStep, sizes: BodyOnPaper) -> None:
+def _draw_second_edge_from_above(sheet: Sheet, second: SecondStep, sizes: BodyOnPaper) -> None:
     """Draw the second edge in the view from above, with its distance from the first."""
     x, y = TOP_VIEW
     upper = y + sizes.half_width
@@ -229,8 +229,10 @@ class _StepOnPaper:
         radius = edge.block.edge_radius.nominal
         view = View(
             edge.origin,
-            choose_scale(_EDGE_LENGTH / max(radius * MILLIMETRES_PER_METRE, _SMALLEST_EDGE)),
-            choose_scale(_DETAIL_HEIGHT / (height * MILLIMETRES_PER_METRE)),
+            choose_standard_scale(
+                _EDGE_LENGTH / max(radius * MILLIMETRES_PER_METRE, _SMALLEST_EDGE)
+            ),
+            choose_standard_scale(_DETAIL_HEIGHT / (height * MILLIMETRES_PER_METRE)),
         )
         _, top = view.map_to_paper(0.0, height)
         turns = [0.5 * math.pi]
@@ -259,16 +261,16 @@ def _draw_step_detail(sheet: Sheet, edge: _EdgeDetail) -> None:
     sheet.draw_dimension(
         f"{edge.prefix}step_height", low, high, (x - 14.0, lower), height_scale, upright=True
     )
-    elbow = (x + 10.0, top + edge.radius_level)
-    sheet.lead_to_characteristic(f"{edge.prefix}edge_radius", step.edge_middle, elbow, "R {}")
+    elbow = (x + 10.0, top + edge.radius_text_level)
+    sheet.draw_characteristic_leader(f"{edge.prefix}edge_radius", step.edge_middle, elbow, "R {}")
     _draw_edge_states(sheet, edge, step)
     if f"{edge.prefix}riser_angle" in sheet.listed:
         _draw_riser_angle_and_straightness(sheet, edge, top)
     if edge.prefix:
-        _draw_demands_behind(sheet, edge, top)
+        _draw_demands_behind_second_edge(sheet, edge, top)
     else:
         _draw_face_demands(sheet, top, edge.face_count)
-    caption = f"{edge.letter}   {_describe_scales(sheet, length_scale, height_scale)}"
+    caption = f"{edge.letter}   {_format_detail_scales(sheet, length_scale, height_scale)}"
     if edge.prefix:  # a section of a hole stands below its right half
         _write_detail_caption(sheet, (x - _CLEAR_OF_HOLE, lower - 33.0), caption)
         return
@@ -299,7 +301,7 @@ def _draw_step_outline(sheet: Sheet, edge: _EdgeDetail, step: _StepOnPaper) -> N
     sheet.draw_break_line(right, lower - 8.0, right_level)
 
 
-def _describe_scales(sheet: Sheet, length_scale: float, height_scale: float) -> str:
+def _format_detail_scales(sheet: Sheet, length_scale: float, height_scale: float) -> str:
     """Write the scales of a detail; the heights of a series are drawn to none."""
     lengths = f"lengths {format_scale(length_scale)}"
     if sheet.letters:
@@ -318,7 +320,7 @@ def _draw_edge_states(sheet: Sheet, edge: _EdgeDetail, step: _StepOnPaper) -> No
     if least_radius > 0.0:
         least = sheet.format_least(least_radius)
         state = f"-{least}/-{sheet.format_largest(largest_radius)}"
-    corner = (x + 10.0, step.top + edge.state_level)
+    corner = (x + 10.0, step.top + edge.state_symbol_level)
     sheet.draw_edge_state(step.edge_middle, corner, state)
     if edge.block.relief is not None:
         return
@@ -328,46 +330,48 @@ def _draw_edge_states(sheet: Sheet, edge: _EdgeDetail, step: _StepOnPaper) -> No
     sheet.draw_edge_state((x, lower), (x + 10.0, lower - 7.0), root_state)
 
 
-def _draw_riser_angle_and_straightness(sheet: Sheet, edge: _EdgeDetail, top: float) -> None:
+def _draw_riser_angle_and_straightness(
+    sheet: Sheet, edge: _EdgeDetail, upper_face_y: float
+) -> None:
     """Draw angle and straightness of the riser."""
     x, lower = edge.origin
-    middle = lower + 0.35 * (top - lower)
-    level = max(lower + 0.6, min(middle - 4.0, top - 21.0))
+    middle = lower + 0.35 * (upper_face_y - lower)
+    level = max(lower + 0.6, min(middle - 4.0, upper_face_y - 21.0))
     if edge.falls:  # over the lower face
         level = max(lower + 2.5, middle - 4.0)
     angle_key = f"{edge.prefix}riser_angle"
     reference = "{} to the faces" if edge.prefix else "{} to A"
-    sheet.lead_to_characteristic(angle_key, (x, middle), (x + 10.0, level), reference)
+    sheet.draw_characteristic_leader(angle_key, (x, middle), (x + 10.0, level), reference)
     # its arrow stands on the riser, drawn on over the faces (ISO 1101)
-    sheet.draw_line((x, top + 1.0), (x, top + 25.0), Layer.DIMENSION)
-    frame = (x + 8.0, top + 21.0)
+    sheet.draw_line((x, upper_face_y + 1.0), (x, upper_face_y + 25.0), Layer.DIMENSION)
+    frame = (x + 8.0, upper_face_y + 21.0)
     start = sheet.draw_tolerance_frame(f"{edge.prefix}riser_straightness", frame)
     _, frame_level = start
     sheet.draw_pointer(start, (x, frame_level))
 
 
-def _draw_face_demands(sheet: Sheet, top: float, face_count: int) -> None:
+def _draw_face_demands(sheet: Sheet, upper_face_y: float, face_count: int) -> None:
     """Draw datum A, flatness, parallelism and roughness of the working faces."""
     x, lower = _DETAIL
     sheet.draw_datum((x - 32.0, lower), "A")
     frame = sheet.draw_tolerance_frame("flatness_lower", (x - 16.0, lower - 20.0))
     sheet.draw_pointer_to_face((x - 21.0, lower), frame)
     sheet.draw_tolerance_frame("parallelism_base", (x - 16.0, lower - 26.0), "B")
-    frame = sheet.draw_tolerance_frame("flatness_upper", (x + 8.0, top + 7.0))
-    sheet.draw_pointer_to_face((x + 4.0, top), frame)
-    sheet.draw_tolerance_frame("parallelism", (x + 8.0, top + 13.0), "A")
-    sheet.draw_texture((x + 46.0, top), "roughness", f" ({face_count} x)")
+    frame = sheet.draw_tolerance_frame("flatness_upper", (x + 8.0, upper_face_y + 7.0))
+    sheet.draw_pointer_to_face((x + 4.0, upper_face_y), frame)
+    sheet.draw_tolerance_frame("parallelism", (x + 8.0, upper_face_y + 13.0), "A")
+    sheet.draw_surface_texture((x + 46.0, upper_face_y), "roughness", f" ({face_count} x)")
 
 
-def _draw_demands_behind(sheet: Sheet, edge: _EdgeDetail, top: float) -> None:
+def _draw_demands_behind_second_edge(sheet: Sheet, edge: _EdgeDetail, upper_face_y: float) -> None:
     """Draw flatness and parallelism of the face behind a second edge."""
     x, lower = edge.origin
     flatness = f"{edge.prefix}flatness_upper"
     parallelism = f"{edge.prefix}parallelism"
     if not edge.falls:
-        frame = sheet.draw_tolerance_frame(flatness, (x + 8.0, top + 7.0))
-        sheet.draw_pointer_to_face((x + 4.0, top), frame)
-        sheet.draw_tolerance_frame(parallelism, (x + 8.0, top + 13.0), "A")
+        frame = sheet.draw_tolerance_frame(flatness, (x + 8.0, upper_face_y + 7.0))
+        sheet.draw_pointer_to_face((x + 4.0, upper_face_y), frame)
+        sheet.draw_tolerance_frame(parallelism, (x + 8.0, upper_face_y + 13.0), "A")
         return
     # right of the state of the root
     frame = sheet.draw_tolerance_frame(flatness, (x + 12.0, lower - 20.0))
@@ -380,8 +384,8 @@ def _draw_feature_detail(sheet: Sheet, block: StepBlock, feature: MetrologyFeatu
     x, low = _GROOVE_DETAIL
     height = block.height.nominal
     width = feature.width.nominal
-    height_scale = choose_scale(_DETAIL_HEIGHT / (height * MILLIMETRES_PER_METRE))
-    length_scale = choose_scale(_GROOVE_LENGTH / (width * MILLIMETRES_PER_METRE))
+    height_scale = choose_standard_scale(_DETAIL_HEIGHT / (height * MILLIMETRES_PER_METRE))
+    length_scale = choose_standard_scale(_GROOVE_LENGTH / (width * MILLIMETRES_PER_METRE))
     top = low + height * MILLIMETRES_PER_METRE * height_scale
     half = 0.5 * width * MILLIMETRES_PER_METRE * length_scale
     if feature.kind == "groove":
@@ -413,7 +417,7 @@ def _draw_feature_detail(sheet: Sheet, block: StepBlock, feature: MetrologyFeatu
     sheet.draw_dimension(
         f"{feature.kind}_width", (x - half, top), (x + half, top), (x, top + 8.0), length_scale
     )
-    caption = f"E   {_describe_scales(sheet, length_scale, height_scale)}"
+    caption = f"E   {_format_detail_scales(sheet, length_scale, height_scale)}"
     _write_detail_caption(sheet, (x - _CLEAR_OF_HOLE, low - 33.0), caption)
 
 
@@ -423,7 +427,7 @@ def _draw_relief_detail(sheet: Sheet, relief: Relief) -> None:
     wide, deep = _RELIEF_ROOM
     width = relief.width.nominal * MILLIMETRES_PER_METRE
     depth = relief.depth.nominal * MILLIMETRES_PER_METRE
-    scale = choose_scale(min(wide / width, deep / depth))
+    scale = choose_standard_scale(min(wide / width, deep / depth))
     wall = x - width * scale
     floor = lower - depth * scale
     left = wall - 16.0
@@ -463,13 +467,13 @@ class _MarginOnPaper:
         rise = margin.horizontal_discrepancy.nominal
         depth = margin.gap_depth.nominal
         largest = max(gap, abs(rise), abs(margin.opening.nominal))
-        scale = choose_scale(_MARGIN_LENGTH / (largest * MILLIMETRES_PER_METRE))
+        scale = choose_standard_scale(_MARGIN_LENGTH / (largest * MILLIMETRES_PER_METRE))
         view = View(_MARGIN_DETAIL, scale)
         _, tooth = view.origin
         wall, level = view.map_to_paper(gap, rise)
         depth_on_paper = depth * MILLIMETRES_PER_METRE * scale
         floor = tooth + max(-depth_on_paper, -_DEEPEST_GAP)
-        corner = view.map_line_to_paper(margin.corner)
+        corner = view.map_line_to_paper(margin.margin_outline)
         return cls(view, wall, level, floor, tooth - depth_on_paper < floor, corner)
 
 
@@ -495,10 +499,10 @@ def _draw_margin_detail(sheet: Sheet, margin: MarginBlock) -> None:
             scale,
             upright=True,
         )
-    beyond = _draw_opening(sheet, margin, detail)
+    beyond = _draw_vertical_discrepancy(sheet, margin, detail)
     _draw_margin_demands(sheet, detail, beyond)
     gap_middle = x + 0.4 * margin.marginal_gap.nominal * MILLIMETRES_PER_METRE * scale
-    sheet.lead_to_characteristic(
+    sheet.draw_characteristic_leader(
         "gap_depth",
         (gap_middle, detail.floor + 2.0),
         (x - 24.0, detail.floor + 8.0),
@@ -523,7 +527,7 @@ def _draw_margin_outline(sheet: Sheet, detail: _MarginOnPaper) -> None:
         sheet.draw_line((x, floor), (detail.wall, floor))
 
 
-def _draw_opening(sheet: Sheet, margin: MarginBlock, detail: _MarginOnPaper) -> float:
+def _draw_vertical_discrepancy(sheet: Sheet, margin: MarginBlock, detail: _MarginOnPaper) -> float:
     """Draw the vertical discrepancy, if a face carries it; return x right of it."""
     x, tooth = detail.view.origin
     listed = sheet.listed.get("vertical_discrepancy")
@@ -537,8 +541,8 @@ def _draw_opening(sheet: Sheet, margin: MarginBlock, detail: _MarginOnPaper) -> 
     return end_x + 42.0  # clear of the text, which stands beside a narrow dimension
 
 
-def _draw_margin_demands(sheet: Sheet, detail: _MarginOnPaper, beyond: float) -> None:
-    """Draw datum, flatness, parallelism and roughness of both faces, the crown's from `beyond`."""
+def _draw_margin_demands(sheet: Sheet, detail: _MarginOnPaper, crown_frame_x: float) -> None:
+    """Draw datum, flatness, parallelism and roughness of both faces of a margin."""
     x, tooth = detail.view.origin
     level = detail.level
     upper = detail.upper_face_y
@@ -546,9 +550,9 @@ def _draw_margin_demands(sheet: Sheet, detail: _MarginOnPaper, beyond: float) ->
     sheet.draw_tolerance_frame("flatness_lower", (x - 58.0, tooth - 28.0))
     sheet.draw_pointer_to_face((x - 44.0, tooth), (x - 44.0, tooth - 22.0))
     sheet.draw_tolerance_frame("parallelism_base", (x - 58.0, tooth - 34.0), "B")
-    frame = sheet.draw_tolerance_frame("flatness_upper", (beyond + 4.0, upper + 18.0))
-    sheet.draw_pointer_to_face((beyond, level), frame)
-    sheet.draw_tolerance_frame("parallelism", (beyond + 4.0, upper + 24.0), "A")
+    frame = sheet.draw_tolerance_frame("flatness_upper", (crown_frame_x + 4.0, upper + 18.0))
+    sheet.draw_pointer_to_face((crown_frame_x, level), frame)
+    sheet.draw_tolerance_frame("parallelism", (crown_frame_x + 4.0, upper + 24.0), "A")
     sheet.write_text((x - 58.0, tooth + 3.0), "tooth")
     sheet.write_text((x + 60.0, level - 5.0), "crown")
-    sheet.draw_texture((max(x + 62.0, beyond + 3.0), level), "roughness", " (2 x)")
+    sheet.draw_surface_texture((max(x + 62.0, crown_frame_x + 3.0), level), "roughness", " (2 x)")

@@ -10,7 +10,7 @@ from stepblocks.workshop.paper import (
     Alignment,
     Layer,
     Point,
-    choose_scale,
+    choose_standard_scale,
     format_scale,
     shift_points,
 )
@@ -50,20 +50,20 @@ class BodyOnPaper:
         return length * (MILLIMETRES_PER_METRE * self.scale)
 
 
-def draw_body(sheet: Sheet, body: Body, identity: str) -> BodyOnPaper:
+def draw_body_views(sheet: Sheet, body: Body, identity: str) -> BodyOnPaper:
     """Draw a body from the front and from above, and its holes; return its sizes on the paper."""
     thickness_as_length = _VIEW_LENGTH / _VIEW_HEIGHT * body.thickness.nominal
     longest = max(body.length.nominal, body.width.nominal, thickness_as_length)
-    scale = choose_scale(_VIEW_LENGTH / (MILLIMETRES_PER_METRE * longest))
+    scale = choose_standard_scale(_VIEW_LENGTH / (MILLIMETRES_PER_METRE * longest))
     sizes = BodyOnPaper.from_body(body, scale)
-    _draw_front(sheet, body, sizes, identity)
-    _draw_from_above(sheet, sizes)
+    _draw_front_view(sheet, body, sizes, identity)
+    _draw_top_view(sheet, sizes)
     if body.mounting is not None:
         draw_holes_from_above(sheet, body, body.mounting, TOP_VIEW, scale)
     return sizes
 
 
-def _draw_front(sheet: Sheet, body: Body, sizes: BodyOnPaper, identity: str) -> None:
+def _draw_front_view(sheet: Sheet, body: Body, sizes: BodyOnPaper, identity: str) -> None:
     """Draw the front with thickness, engraving, edge breaks and the datum of the base."""
     x, middle = FRONT_VIEW
     half = sizes.half_length
@@ -72,7 +72,7 @@ def _draw_front(sheet: Sheet, body: Body, sizes: BodyOnPaper, identity: str) -> 
     base = upper - sizes.thickness
     left = x - half
     right = x + half
-    octagon = _list_octagon((-half, -sizes.thickness), (half, 0.0), edge_break)
+    octagon = _list_octagon_corners((-half, -sizes.thickness), (half, 0.0), edge_break)
     sheet.draw_polyline(shift_points(octagon, (x, upper)), closed=True)
     sheet.draw_dimension(
         "thickness",
@@ -85,8 +85,10 @@ def _draw_front(sheet: Sheet, body: Body, sizes: BodyOnPaper, identity: str) -> 
     if body.engraving is not None:
         along, up = (sizes.scale_length(offset) for offset in body.engraving.offset)
         letters_middle = (x + along, upper - 0.5 * sizes.thickness + up)
-        _draw_letters(sheet, body.engraving, identity, letters_middle, (right, upper), sizes)
-    sheet.lead_to_characteristic(
+        _draw_engraved_letters(
+            sheet, body.engraving, identity, letters_middle, (right, upper), sizes
+        )
+    sheet.draw_characteristic_leader(
         "edge_break",
         (left + 0.5 * edge_break, upper - 0.5 * edge_break),
         (left + 6.0, upper + 7.0),
@@ -99,28 +101,28 @@ def _draw_front(sheet: Sheet, body: Body, sizes: BodyOnPaper, identity: str) -> 
     sheet.write_text((right - 19.0, base - 10.0), caption, alignment=Alignment.BOTTOM_RIGHT)
 
 
-def _draw_letters(
+def _draw_engraved_letters(
     sheet: Sheet,
     engraving: Engraving,
     identity: str,
-    middle: Point,
-    corner: Point,
+    letters_middle: Point,
+    front_corner: Point,
     sizes: BodyOnPaper,
 ) -> None:
     """Draw the engraved text about a point, and lead its sizes past a corner of the front."""
     text = engraving.choose_text(identity)
     letter_height = max(sizes.scale_length(0.8 * engraving.height.nominal), _SMALLEST_LETTERS)
-    sheet.write_text(middle, text, letter_height, Alignment.MIDDLE_CENTER)
-    x, y = middle
+    sheet.write_text(letters_middle, text, letter_height, Alignment.MIDDLE_CENTER)
+    x, y = letters_middle
     end = (x + 0.5 * compute_text_width(text, letter_height) + 1.5, y)
     # below the note of the edges, which stands 7 mm over the body
-    elbow_x = corner[0] + 12.0
-    elbow_y = min(y + 9.0, corner[1] + 0.5)
-    sheet.lead_to_characteristic("engraving_height", end, (elbow_x, elbow_y), "letters {} high")
+    elbow_x = front_corner[0] + 12.0
+    elbow_y = min(y + 9.0, front_corner[1] + 0.5)
+    sheet.draw_characteristic_leader("engraving_height", end, (elbow_x, elbow_y), "letters {} high")
     offset = _format_letters_offset(sheet, engraving)
     if offset:
         sheet.write_text((elbow_x + 4.0, elbow_y - 12.8), offset)
-    sheet.lead_to_characteristic(
+    sheet.draw_characteristic_leader(
         "engraving_depth", end, (elbow_x, elbow_y - 6.0), "engraved {} deep"
     )
 
@@ -131,16 +133,16 @@ def _format_letters_offset(sheet: Sheet, engraving: Engraving) -> str:
     parts = []
     if along != 0.0:
         side = "right" if along > 0.0 else "left"
-        parts.append(f"{sheet.format_place(abs(along))} {side}")
+        parts.append(f"{sheet.format_distance(abs(along))} {side}")
     if up != 0.0:
         side = "over" if up > 0.0 else "under"
-        parts.append(f"{sheet.format_place(abs(up))} {side}")
+        parts.append(f"{sheet.format_distance(abs(up))} {side}")
     if not parts:
         return ""
     return f"middle {', '.join(parts)} that of the front"
 
 
-def _draw_from_above(sheet: Sheet, sizes: BodyOnPaper) -> None:
+def _draw_top_view(sheet: Sheet, sizes: BodyOnPaper) -> None:
     """Draw the view from above with length, width and the place of the edge."""
     x, y = TOP_VIEW
     edge_break = sizes.edge_break
@@ -148,7 +150,7 @@ def _draw_from_above(sheet: Sheet, sizes: BodyOnPaper) -> None:
     right = x + sizes.half_length
     lower = y - sizes.half_width
     upper = y + sizes.half_width
-    octagon = _list_octagon(
+    octagon = _list_octagon_corners(
         (-sizes.half_length, -sizes.half_width), (sizes.half_length, sizes.half_width), edge_break
     )
     sheet.draw_polyline(shift_points(octagon, TOP_VIEW), closed=True)
@@ -181,12 +183,12 @@ def _draw_from_above(sheet: Sheet, sizes: BodyOnPaper) -> None:
     sheet.write_text((x, lower - 35.0), caption, alignment=Alignment.BOTTOM_CENTER)
 
 
-def _list_octagon(low: Point, high: Point, cut: float) -> list[Point]:
+def _list_octagon_corners(low: Point, high: Point, edge_break: float) -> list[Point]:
     """List the corners of a rectangle with broken edges, from the left end of its lower side."""
     x0, y0 = low
     x1, y1 = high
-    lower = [(x0 + cut, y0), (x1 - cut, y0)]
-    right = [(x1, y0 + cut), (x1, y1 - cut)]
-    upper = [(x1 - cut, y1), (x0 + cut, y1)]
-    left = [(x0, y1 - cut), (x0, y0 + cut)]
+    lower = [(x0 + edge_break, y0), (x1 - edge_break, y0)]
+    right = [(x1, y0 + edge_break), (x1, y1 - edge_break)]
+    upper = [(x1 - edge_break, y1), (x0 + edge_break, y1)]
+    left = [(x0, y1 - edge_break), (x0, y0 + edge_break)]
     return lower + right + upper + left

@@ -47,33 +47,37 @@ def write_bundle(folder: Path, stimuli: StimulusSet, ordered: Sequence[OrderedPa
         ``<set>.parts-list.csv`` and ``<set>.quotation.zip``.
     """
     table = folder / f"{stimuli.name}.parts-list.csv"
-    rows = [_make_row(item, stimuli, line) for item, line in enumerate(ordered, start=1)]
+    rows = [_make_parts_list_row(item, stimuli, line) for item, line in enumerate(ordered, start=1)]
     write_table(pd.DataFrame(rows), table)
     archive = folder / f"{stimuli.name}.quotation.zip"
     papers = [table, *sorted(folder.glob("*.series*"))]
     for line in ordered:
-        papers += sorted(path for path in line.folder.iterdir() if _is_paper(path, line.part))
+        papers += sorted(
+            path for path in line.folder.iterdir() if _is_quotation_paper(path, line.part)
+        )
     _write_archive(archive, folder, papers)
     return [table, archive]
 
 
-def _make_row(item: int, stimuli: StimulusSet, line: OrderedPart) -> dict[str, object]:
+def _make_parts_list_row(
+    item_number: int, stimuli: StimulusSet, ordered_part: OrderedPart
+) -> dict[str, object]:
     """Make a line of the parts list."""
-    part = line.part
+    part = ordered_part.part
     order = stimuli.order
     density = part.material.density
     mass = ""
     if density is not None:
         mass = f"{density.value * math.fsum(part.volumes()) * 1e3:.4g}"
-    notes = [line.note]
-    if not all((line.folder / f"{body}.step").is_file() for body in part.bodies):
+    notes = [ordered_part.note]
+    if not all((ordered_part.folder / f"{body}.step").is_file() for body in part.bodies):
         notes.append(_WITHOUT_STEP)
     return {
-        "item": item,
+        "item": item_number,
         "part_number": part.id.upper(),
         "drawing_number": f"{stimuli.name}-{part.id}".upper(),
         "revision": order.revision,
-        "quantity": order.count_parts(part.id),
+        "quantity": order.count_ordered_parts(part.id),
         "kind": part.kind_name,
         "material": part.material.order_text,
         "mass_g": mass,
@@ -82,7 +86,7 @@ def _make_row(item: int, stimuli: StimulusSet, line: OrderedPart) -> dict[str, o
     }
 
 
-def _is_paper(path: Path, part: Part) -> bool:
+def _is_quotation_paper(path: Path, part: Part) -> bool:
     """Tell whether a file is one that a workshop quotes from: drawings, solids, sheets."""
     if not path.is_file():
         return False

@@ -11,7 +11,7 @@ from stepblocks.workshop.paper import (
     Layer,
     Point,
     View,
-    choose_scale,
+    choose_standard_scale,
     format_scale,
 )
 from stepblocks.workshop.sheet import Sheet, UnwrittenNotes
@@ -33,7 +33,7 @@ def draw_crown_views(sheet: Sheet, crown: CrownOnTooth) -> UnwrittenNotes:
     preparation = crown.preparation_height.nominal
     margin_radius = crown.margin_radius.nominal
     height = root + preparation + 2.0 * crown.shell_thickness.nominal
-    scale = choose_scale(
+    scale = choose_standard_scale(
         min(
             _SECTION_HEIGHT / (height * MILLIMETRES_PER_METRE),
             _SECTION_WIDTH / (2.2 * margin_radius * MILLIMETRES_PER_METRE),
@@ -43,8 +43,8 @@ def draw_crown_views(sheet: Sheet, crown: CrownOnTooth) -> UnwrittenNotes:
     tooth_section, crown_section = (
         list_outline_points(outline, CHORD) for outline in crown.outlines()
     )
-    _draw_cut_body(sheet, view, tooth_section, _HATCH_ANGLES["tooth"])
-    _draw_cut_body(sheet, view, crown_section, _HATCH_ANGLES["crown"])
+    _draw_hatched_half_sections(sheet, view, tooth_section, _HATCH_ANGLES["tooth"])
+    _draw_hatched_half_sections(sheet, view, crown_section, _HATCH_ANGLES["crown"])
     x, _ = view.origin
     _, base = view.map_to_paper(0.0, -root)
     _, preparation_top = view.map_to_paper(0.0, preparation)
@@ -59,10 +59,12 @@ def draw_crown_views(sheet: Sheet, crown: CrownOnTooth) -> UnwrittenNotes:
     return ["Marginal gap, internal gap and discrepancies hold with the crown seated on its tooth."]
 
 
-def _draw_cut_body(sheet: Sheet, view: View, section: list[Point], hatch_degrees: float) -> None:
+def _draw_hatched_half_sections(
+    sheet: Sheet, view: View, half_section: list[Point], hatch_degrees: float
+) -> None:
     """Draw both halves of a half section (radius, height) and hatch them."""
     for side in (1.0, -1.0):
-        points = [view.map_to_paper(side * radius, z) for radius, z in section]
+        points = [view.map_to_paper(side * radius, z) for radius, z in half_section]
         sheet.draw_polyline(points)
         sheet.draw_hatch(points, hatch_degrees)
 
@@ -75,8 +77,10 @@ class _Span(NamedTuple):
     level: float  # of its line, square to itself
 
 
-def _draw_crown_dimensions(sheet: Sheet, crown: CrownOnTooth, view: View, roof: float) -> None:
-    """Draw the dimensions of tooth and crown that are characteristics; `roof` is the top [m]."""
+def _draw_crown_dimensions(
+    sheet: Sheet, crown: CrownOnTooth, view: View, roof_height: float
+) -> None:
+    """Draw the dimensions of tooth and crown that are characteristics."""
     root = crown.root_length.nominal
     preparation = crown.preparation_height.nominal
     radius = crown.margin_radius.nominal
@@ -85,13 +89,13 @@ def _draw_crown_dimensions(sheet: Sheet, crown: CrownOnTooth, view: View, roof: 
     map_to_paper = view.map_to_paper
     x, y = view.origin
     _, base = map_to_paper(0.0, -root)
-    _, roof_y = map_to_paper(0.0, roof)
+    _, roof_y = map_to_paper(0.0, roof_height)
     widths = {
         "margin_diameter": _Span(
             map_to_paper(-radius, -root), map_to_paper(radius, -root), base - 10.0
         ),
         "crown_diameter": _Span(
-            map_to_paper(-outer, roof), map_to_paper(outer, roof), roof_y + 10.0
+            map_to_paper(-outer, roof_height), map_to_paper(outer, roof_height), roof_y + 10.0
         ),
     }
     for key, span in widths.items():
@@ -109,7 +113,7 @@ def _draw_crown_dimensions(sheet: Sheet, crown: CrownOnTooth, view: View, roof: 
         "root_length": _Span(foot, margin, left - 12.0),
         "tooth_length": _Span(foot, top, left - 6.0),
         "shell_thickness": _Span(
-            map_to_paper(0.3 * radius, ceiling), map_to_paper(0.3 * radius, roof), right
+            map_to_paper(0.3 * radius, ceiling), map_to_paper(0.3 * radius, roof_height), right
         ),
     }
     for key, span in heights.items():
@@ -118,14 +122,16 @@ def _draw_crown_dimensions(sheet: Sheet, crown: CrownOnTooth, view: View, roof: 
             sheet.draw_dimension(key, span.start, span.end, through, view.scale, upright=True)
 
 
-def _draw_margin_detail(sheet: Sheet, crown: CrownOnTooth, sections: Iterable[list[Point]]) -> None:
+def _draw_margin_detail(
+    sheet: Sheet, crown: CrownOnTooth, half_sections: Iterable[list[Point]]
+) -> None:
     """Draw the margin enlarged, with the distance from the tooth to the margin of the crown."""
     x, y = _MARGIN_VIEW
     discrepancy = crown.horizontal_discrepancy.nominal
     reach = 4.0 * max(crown.marginal_gap.nominal, abs(discrepancy), _SMALLEST_REACH)
-    scale = choose_scale(_MARGIN_REACH / (reach * MILLIMETRES_PER_METRE))
-    for section in sections:
-        _draw_in_window(sheet, section, crown.margin_radius.nominal, scale)
+    scale = choose_standard_scale(_MARGIN_REACH / (reach * MILLIMETRES_PER_METRE))
+    for section in half_sections:
+        _draw_section_in_window(sheet, section, crown.margin_radius.nominal, scale)
     key = "marginal_gap"
     if "vertical_discrepancy" in sheet.listed:
         key = "vertical_discrepancy"
@@ -149,16 +155,18 @@ def _draw_margin_detail(sheet: Sheet, crown: CrownOnTooth, sections: Iterable[li
     sheet.write_text((x, y - _WINDOW - 7.0), caption, alignment=Alignment.BOTTOM_CENTER)
 
 
-def _draw_in_window(sheet: Sheet, section: list[Point], radius: float, scale: float) -> None:
+def _draw_section_in_window(
+    sheet: Sheet, half_section: list[Point], margin_radius: float, scale: float
+) -> None:
     """Draw what a window about the margin shows of a half section (radius, height)."""
     import shapely
 
     view = View(_MARGIN_VIEW, scale)
     shown = _WINDOW / (MILLIMETRES_PER_METRE * scale)
-    window = shapely.box(radius - shown, -shown, radius + shown, shown)
-    inside = shapely.LineString(section).intersection(window)
+    window = shapely.box(margin_radius - shown, -shown, margin_radius + shown, shown)
+    inside = shapely.LineString(half_section).intersection(window)
     for piece in getattr(inside, "geoms", [inside]):
         if piece.geom_type != "LineString":
             continue
-        line = [view.map_to_paper(r - radius, z) for r, z in piece.coords]
+        line = [view.map_to_paper(r - margin_radius, z) for r, z in piece.coords]
         sheet.draw_polyline(line)

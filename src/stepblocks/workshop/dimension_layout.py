@@ -32,17 +32,19 @@ class DimensionLine:
     upright: bool
 
     @classmethod
-    def between(cls, a: Point, b: Point, through: Point, upright: bool) -> "DimensionLine":
+    def between_points(
+        cls, first: Point, second: Point, through: Point, upright: bool
+    ) -> "DimensionLine":
         """Make the line of the distance between two points, through a third."""
         axis = 1 if upright else 0
-        start, end = sorted((a[axis], b[axis]))
+        start, end = sorted((first[axis], second[axis]))
         return cls(start, end, through[1 - axis], upright)
 
-    def find_point(self, along: float) -> Point:
+    def compute_point(self, coordinate: float) -> Point:
         """Return the point at a coordinate along the line, also beyond its ends."""
         if self.upright:
-            return self.level, along
-        return along, self.level
+            return self.level, coordinate
+        return coordinate, self.level
 
     def shift_point(self, point: Point, along: float, towards_text: float) -> Point:
         """Shift a point along the line, and square to it towards the side of the text."""
@@ -51,7 +53,7 @@ class DimensionLine:
             return x - towards_text, y + along
         return x + along, y + towards_text
 
-    def has_room(self, text_width: float, text_share: float, *, stacked: bool) -> bool:
+    def has_room_for_text(self, text_width: float, text_share: float, *, stacked: bool) -> bool:
         """Tell whether a text fits between the arrows, its middle at a share of the length.
 
         The balloon of unequal deviations, which are `stacked`, stands further out.
@@ -72,14 +74,14 @@ class DimensionLayout:
     extension: tuple[Point, Point] | None = None
 
 
-def lay_out_inside(
+def lay_out_text_inside(
     line: DimensionLine, text_width: float, text_share: float, *, stacked: bool
 ) -> DimensionLayout:
     """Lay the text between the arrows, its middle at a share of the length of the line.
 
     Unequal deviations are `stacked`.
     """
-    middle = line.find_point(line.start + text_share * (line.end - line.start))
+    middle = line.compute_point(line.start + text_share * (line.end - line.start))
     offset, beyond = _TEXT_OFFSET, 2.2
     if stacked:
         offset, beyond = _STACKED_OFFSET, 3.7
@@ -87,7 +89,7 @@ def lay_out_inside(
     return DimensionLayout(line.shift_point(middle, 0.0, offset), balloon)
 
 
-def lay_out_beside(
+def lay_out_text_beside(
     line: DimensionLine, text_width: float, *, stacked: bool, before: bool, clearance: float
 ) -> DimensionLayout:
     """Lay the text beside the arrows: before the start of the line, or beyond its end.
@@ -102,6 +104,6 @@ def lay_out_beside(
         middle = line.end + reach + clearance
         far = middle + 0.5 * text_width
     offset = _STACKED_OFFSET if stacked else _TEXT_OFFSET
-    text = line.shift_point(line.find_point(middle), 0.0, offset)
+    text = line.shift_point(line.compute_point(middle), 0.0, offset)
     balloon = line.shift_point(text, reach, 0.8)
-    return DimensionLayout(text, balloon, (line.find_point(line.end), line.find_point(far)))
+    return DimensionLayout(text, balloon, (line.compute_point(line.end), line.compute_point(far)))

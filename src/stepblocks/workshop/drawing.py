@@ -21,11 +21,11 @@ from stepblocks.parts.kinds.tips import HookTip, StraightTip
 from stepblocks.parts.on_paper import describe_default_demands
 from stepblocks.workshop.blocks import draw_margin_block_views, draw_step_block_views
 from stepblocks.workshop.crown_views import draw_crown_views
-from stepblocks.workshop.gauge_reach import judge_assembly
+from stepblocks.workshop.gauge_reach import judge_assembly_characteristics
 from stepblocks.workshop.gauge_views import draw_gauge_assembly_views
 from stepblocks.workshop.kit_views import draw_assembly_views, draw_kit_part_views
 from stepblocks.workshop.paper import Point, use_decimal_comma
-from stepblocks.workshop.rendering import FORMATS, write_sheet
+from stepblocks.workshop.rendering import FORMATS, write_sheet_files
 from stepblocks.workshop.routes import Route
 from stepblocks.workshop.sheet import Note, Sheet, UnwrittenNotes
 from stepblocks.workshop.title_block import MILLIMETRES, TITLE_BLOCK_TOP, draw_border
@@ -91,7 +91,9 @@ def write_drawing(
     list of Path
         A file of each format.
     """
-    return write_sheet(folder, f"{part.id}.drawing", formats, lambda: draw_part_sheet(part, order))
+    return write_sheet_files(
+        folder, f"{part.id}.drawing", formats, lambda: draw_part_sheet(part, order)
+    )
 
 
 def write_series_drawing(
@@ -107,7 +109,7 @@ def write_series_drawing(
         if index > 0:
             stem = f"{name}.series-{sheet.number}"
         draw = partial(draw_part_sheet, tabulated[0], order, sheet)
-        written += write_sheet(folder, stem, FORMATS, draw)
+        written += write_sheet_files(folder, stem, FORMATS, draw)
     return written
 
 
@@ -129,7 +131,7 @@ def write_assembly_drawing(folder: Path, kit: Apparatus, order: OrderSpec) -> li
         draw_border(sheet, "Apparatus, assembly drawing", fields)
         return sheet
 
-    return write_sheet(folder, f"{kit.id}.assembly", FORMATS, draw_assembly_sheet)
+    return write_sheet_files(folder, f"{kit.id}.assembly", FORMATS, draw_assembly_sheet)
 
 
 def write_gauge_drawing(
@@ -155,7 +157,7 @@ def write_gauge_drawing(
     list of Path
         ``<id>.gauge.dxf``, ``.svg`` and ``.pdf``.
     """
-    judged = list(judge_assembly(block, pair, route))
+    judged = list(judge_assembly_characteristics(block, pair, route))
 
     def draw_gauge_sheet() -> Sheet:
         """Draw the assembly of base and gauge blocks with title block."""
@@ -166,12 +168,12 @@ def write_gauge_drawing(
             "material": block.material.order_text,
             "mass": "-",
             **_list_order_fields(order),
-            "quantity": str(order.count_parts(block.id)),
+            "quantity": str(order.count_ordered_parts(block.id)),
         }
         draw_border(sheet, "Step from two gauge blocks, assembly drawing", fields)
         return sheet
 
-    return write_sheet(folder, f"{block.id}.gauge", FORMATS, draw_gauge_sheet)
+    return write_sheet_files(folder, f"{block.id}.gauge", FORMATS, draw_gauge_sheet)
 
 
 def draw_part_sheet(
@@ -184,15 +186,15 @@ def draw_part_sheet(
     """
     in_inches = order.drawing_units == "inch"
     sheet = Sheet(part.characteristics(), in_inches=in_inches)
-    fields = _list_fields(part, order)
+    fields = _list_title_block_fields(part, order)
     if series is not None:
         sheet.letters = dict.fromkeys(_HEIGHT_KEYS, "H")
         fields |= _list_series_fields(series, order)
-        _tabulate_heights(sheet, series.blocks)
+        _draw_height_table(sheet, series.blocks)
     remarks = _draw_views(sheet, part)
-    notes = _state_undrawn(sheet, part)
+    notes = _list_undrawn_characteristic_notes(sheet, part)
     if part.has_working_faces:
-        sheet.draw_general_texture(_TEXTURE_FOOT)
+        sheet.draw_general_surface_texture(_TEXTURE_FOOT)
         defaults = describe_default_demands(part)
         if defaults:
             remarks.append(defaults)
@@ -207,7 +209,7 @@ def draw_part_sheet(
     return sheet
 
 
-def _list_fields(part: Part, order: OrderSpec) -> dict[str, str]:
+def _list_title_block_fields(part: Part, order: OrderSpec) -> dict[str, str]:
     """List the fields of the title block of a part."""
     density = part.material.density
     mass = "-"
@@ -219,7 +221,7 @@ def _list_fields(part: Part, order: OrderSpec) -> dict[str, str]:
         "material": part.material.order_text,
         "mass": mass,
         **_list_order_fields(order),
-        "quantity": str(order.count_parts(part.id)),
+        "quantity": str(order.count_ordered_parts(part.id)),
     }
 
 
@@ -250,7 +252,7 @@ def _list_series_fields(series: SeriesSheet, order: OrderSpec) -> dict[str, str]
     }
 
 
-def _tabulate_heights(sheet: Sheet, blocks: Sequence[StepBlock]) -> None:
+def _draw_height_table(sheet: Sheet, blocks: Sequence[StepBlock]) -> None:
     """Draw the table of identities and heights."""
     engraving = blocks[0].body.engraving
     heading = "identity, engraved"
@@ -272,14 +274,14 @@ def _draw_views(sheet: Sheet, part: Part) -> UnwrittenNotes:
     return []
 
 
-def _state_undrawn(sheet: Sheet, part: Part) -> list[Note]:
+def _list_undrawn_characteristic_notes(sheet: Sheet, part: Part) -> list[Note]:
     """State in words, with its number, each characteristic that no view shows."""
     notes = []
     for key, listed in sheet.listed.items():
         if listed.number not in sheet.numbers:
-            label = sheet.write_decimals(listed.characteristic.label)
+            label = sheet.convert_decimal_signs(listed.characteristic.label)
             sign = _SIGNS.get(listed.characteristic.kind, "")
-            text = f"{label}: {sign}{sheet.format_limits(key)}"
+            text = f"{label}: {sign}{sheet.format_characteristic_limits(key)}"
             if key == "roughness":
                 text = f"{label}: {_describe_contact_roughness(sheet, part)}"
             notes.append(Note(f"{listed.number}  {text}", key))

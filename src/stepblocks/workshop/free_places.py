@@ -62,18 +62,18 @@ class DrawnLines:
     circles: list[Circle] = field(default_factory=list)
     texts: list[Rectangle] = field(default_factory=list)
 
-    def is_free(self, text: Rectangle) -> bool:
+    def is_free_for_text(self, text_area: Rectangle) -> bool:
         """Tell whether a text would strike nothing."""
-        wide = text.add_margin(_MARGIN)
+        wide = text_area.add_margin(_MARGIN)
         if not self.area.contains(wide):
             return False
         if any(known.overlaps(wide) for known in self.texts):
             return False
         if any(circle.crosses(wide) for circle in self.circles):
             return False
-        return not any(_is_struck(wide, outline) for outline in self.outlines)
+        return not any(_is_crossed_by_outline(wide, outline) for outline in self.outlines)
 
-    def place_beside(self, circle: Circle, width: float, height: float) -> Point:
+    def place_text_beside_circle(self, circle: Circle, width: float, height: float) -> Point:
         """Place a text beside a circle where it crosses nothing, as near as it can be.
 
         Returns the middle of the text; on the circle where there is no room at all.
@@ -85,19 +85,19 @@ class DrawnLines:
                 reach = circle.radius + clearance
                 middle_x = x + math.cos(angle) * (reach + 0.5 * width)
                 middle_y = y + math.sin(angle) * (reach + 0.5 * height)
-                text = _centre_text(middle_x, middle_y, width, height)
-                if self.is_free(text):
+                text = _make_centred_text_area(middle_x, middle_y, width, height)
+                if self.is_free_for_text(text):
                     self.texts.append(text)
                     return middle_x, middle_y
         return circle.centre
 
 
-def _is_struck(text: Rectangle, outline: Rectangle) -> bool:
+def _is_crossed_by_outline(text_area: Rectangle, outline: Rectangle) -> bool:
     """Tell whether the outline of a rectangle goes through a text."""
-    return outline.overlaps(text) and not outline.contains(text)
+    return outline.overlaps(text_area) and not outline.contains(text_area)
 
 
-def _centre_text(x: float, y: float, width: float, height: float) -> Rectangle:
+def _make_centred_text_area(x: float, y: float, width: float, height: float) -> Rectangle:
     """Return the area of a text about its middle."""
     low = (x - 0.5 * width, y - 0.5 * height)
     return Rectangle(low, (x + 0.5 * width, y + 0.5 * height))

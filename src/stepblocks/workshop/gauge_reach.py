@@ -76,7 +76,7 @@ def find_gauge_route(routes: Sequence[Route], pair: GaugePair) -> Route:
     return next(route for route in routes if route.name == name)
 
 
-def judge_assembly(
+def judge_assembly_characteristics(
     block: StepBlock, pair: GaugePair, route: Route
 ) -> Iterator[JudgedCharacteristic]:
     """Judge each characteristic of a block as the assembly of a pair has it.
@@ -99,36 +99,36 @@ def judge_assembly(
     on_base = block.model_copy(update={"body": base, "metrology": None, "relief": None})
     sizes = {item.key: item.nominal for item in on_base.characteristics()}
     sizes["thickness"] = base.thickness.nominal + pair.lower
-    missed = {_find_key(name) for name in route.missed}
+    missed = {_find_characteristic_key(name) for name in route.missed}
     for number, characteristic in enumerate(block.characteristics(), start=1):
         contribution = _find_contribution(characteristic, sizes, missed)
         yield JudgedCharacteristic(number, characteristic, contribution)
 
 
-def _find_key(name: str) -> str:
+def _find_characteristic_key(missed_name: str) -> str:
     """Find the key of the characteristic that a route calls by a name."""
-    if name == "height":
+    if missed_name == "height":
         return "step_height"
-    return name.replace(" ", "_")
+    return missed_name.replace(" ", "_")
 
 
 def _find_contribution(
-    characteristic: Characteristic, sizes: dict[str, float], missed: set[str]
+    characteristic: Characteristic, assembly_sizes: dict[str, float], missed_keys: set[str]
 ) -> Contribution:
     """Find what decides about a characteristic.
 
-    `sizes` are nominal sizes of base and assembly by key [m]; `missed` are the keys of what the
-    route does not leave as drawn.
+    `assembly_sizes` are nominal sizes of base and assembly by key [m]; `missed_keys` are the keys
+    of what the route does not leave as drawn.
     """
     key = characteristic.key
     if key.startswith(("groove_", "ridge_", "relief_")):
         return Contribution.NO_FEATURE
-    if key not in sizes:
+    if key not in assembly_sizes:
         return Contribution.NO_HOLES
-    excess = sizes[key] - characteristic.nominal
+    excess = assembly_sizes[key] - characteristic.nominal
     if not characteristic.lower - _EXACT <= excess <= characteristic.upper + _EXACT:
         return Contribution.BASE_SIZE
-    if key in missed:
+    if key in missed_keys:
         return Contribution.ROUTE
     if key in _SET_BY_WRINGING:
         return Contribution.WRINGING

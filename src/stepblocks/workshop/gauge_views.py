@@ -10,7 +10,7 @@ from stepblocks.parts.gauge_pair import (
     SECTION_WIDTH,
     WRINGING,
     GaugePair,
-    find_pair,
+    find_gauge_pair,
     make_gauge_base,
 )
 from stepblocks.parts.kinds.step_block import StepBlock
@@ -21,7 +21,7 @@ from stepblocks.workshop.paper import (
     Alignment,
     Point,
     View,
-    choose_scale,
+    choose_standard_scale,
     format_scale,
     use_decimal_comma,
 )
@@ -60,19 +60,19 @@ def draw_gauge_assembly_views(
         What decides about each characteristic of the block.
     """
     base = make_gauge_base(block, pair)
-    _draw_section(sheet, base, pair)
-    _draw_from_above(sheet, base)
+    _draw_assembly_section(sheet, base, pair)
+    _draw_assembly_from_above(sheet, base)
     _draw_step_detail(sheet, block)
-    _tabulate_parts(sheet, base, pair)
-    _tabulate_grades(sheet, block, pair)
-    _tabulate_reached_characteristics(sheet, judged)
+    _draw_parts_table(sheet, base, pair)
+    _draw_grades_table(sheet, block, pair)
+    _draw_reach_table(sheet, judged)
     sheet.write_notes(_NOTES, [Note(line) for line in _list_assembly_notes(pair)])
 
 
-def _draw_section(sheet: Sheet, base: Body, pair: GaugePair) -> None:
+def _draw_assembly_section(sheet: Sheet, base: Body, pair: GaugePair) -> None:
     """Draw base and gauge blocks in section, clear of the holes."""
     tall = base.thickness.nominal + pair.upper
-    scale = _fit_scale((base.length.nominal, tall), _SECTION_SIZE)
+    scale = _choose_fitting_scale((base.length.nominal, tall), _SECTION_SIZE)
     middle_x, middle_y = _SECTION_MIDDLE
     base_top = middle_y + (0.5 * tall - pair.upper) * MILLIMETRES_PER_METRE * scale
     view = View((middle_x, base_top), scale)
@@ -107,9 +107,9 @@ def _draw_cut_box(sheet: Sheet, low: Point, high: Point, hatch_degrees: float) -
     sheet.draw_rectangle(low, high)
 
 
-def _draw_from_above(sheet: Sheet, base: Body) -> None:
+def _draw_assembly_from_above(sheet: Sheet, base: Body) -> None:
     """Draw base and gauge blocks from above, with the place of the section."""
-    scale = _fit_scale((base.length.nominal, base.width.nominal), _TOP_SIZE)
+    scale = _choose_fitting_scale((base.length.nominal, base.width.nominal), _TOP_SIZE)
     view = View(_TOP_MIDDLE, scale)
     half_length = base.half_length
     half_width = base.half_width
@@ -134,19 +134,19 @@ def _draw_from_above(sheet: Sheet, base: Body) -> None:
     sheet.write_text((middle_x, low - 7.0), caption, alignment=Alignment.BOTTOM_CENTER)
 
 
-def _fit_scale(size: tuple[float, float], room: tuple[float, float]) -> float:
+def _choose_fitting_scale(size: tuple[float, float], room_mm: tuple[float, float]) -> float:
     """Choose the largest scale at which a size [m] fits into a room on the paper [mm]."""
     length, height = size
-    wide, tall = room
+    wide, tall = room_mm
     largest = min(wide / (length * MILLIMETRES_PER_METRE), tall / (height * MILLIMETRES_PER_METRE))
-    return choose_scale(largest)
+    return choose_standard_scale(largest)
 
 
 def _draw_step_detail(sheet: Sheet, block: StepBlock) -> None:
     """Draw detail D: the step between both gauge blocks, heights enlarged."""
     x, lower = _EDGE
     height = block.height.nominal * MILLIMETRES_PER_METRE
-    scale = choose_scale(_EDGE_HEIGHT / height)
+    scale = choose_standard_scale(_EDGE_HEIGHT / height)
     top = lower + height * scale
     left = x - 44.0
     right = x + 50.0
@@ -157,14 +157,16 @@ def _draw_step_detail(sheet: Sheet, block: StepBlock) -> None:
     sheet.draw_dimension(
         "step_height", (x - 26.0, lower), (x, top), (x - 14.0, lower), scale, upright=True
     )
-    sheet.lead_to_characteristic("edge_radius", (x, top), (x + 8.0, top + 9.0), "R {}, no chamfer")
+    sheet.draw_characteristic_leader(
+        "edge_radius", (x, top), (x + 8.0, top + 9.0), "R {}, no chamfer"
+    )
     for place, text in (((x - 22.0, lower - 5.0), "2"), ((x + 24.0, lower + 3.0), "3")):
         sheet.write_text(place, text, 3.5, Alignment.MIDDLE_CENTER)
     caption = f"D   heights {format_scale(scale)}, lengths not to scale"
     sheet.write_text((x, lower - 18.0), caption, alignment=Alignment.BOTTOM_CENTER)
 
 
-def _tabulate_parts(sheet: Sheet, base: Body, pair: GaugePair) -> None:
+def _draw_parts_table(sheet: Sheet, base: Body, pair: GaugePair) -> None:
     """Draw the table of the three parts with their sizes."""
     sizes = (base.length.nominal, base.width.nominal, base.thickness.nominal)
     base_size = use_decimal_comma(" x ".join(f"{size * 1e3:.7g}" for size in sizes))
@@ -177,14 +179,14 @@ def _tabulate_parts(sheet: Sheet, base: Body, pair: GaugePair) -> None:
     sheet.write_table(_PARTS_CORNER, rows, _PART_WIDTHS)
 
 
-def _tabulate_grades(sheet: Sheet, block: StepBlock, pair: GaugePair) -> None:
+def _draw_grades_table(sheet: Sheet, block: StepBlock, pair: GaugePair) -> None:
     """Draw the table of what the step of each grade may be off by."""
     permitted = min(block.height.upper, -block.height.lower)
     rows = [
         ("grade", "length, each", "½ variation, each", "step at worst", "95 % within", "reaches")
     ]
     for grade, limits in GRADES.items():
-        graded = find_pair(block.height.nominal, grade)
+        graded = find_gauge_pair(block.height.nominal, grade)
         if graded is None:
             continue
         name = grade
@@ -195,17 +197,17 @@ def _tabulate_grades(sheet: Sheet, block: StepBlock, pair: GaugePair) -> None:
             reaches = "no"
         row = (
             name,
-            _format_deviation(limits.deviation),
-            _format_deviation(0.5 * limits.variation),
-            _format_deviation(graded.worst),
-            _format_deviation(graded.expected),
+            _format_symmetric_deviation(limits.deviation),
+            _format_symmetric_deviation(0.5 * limits.variation),
+            _format_symmetric_deviation(graded.worst),
+            _format_symmetric_deviation(graded.expected),
             reaches,
         )
         rows.append(row)
     sheet.write_table(_GRADES_CORNER, rows, _GRADE_WIDTHS)
 
 
-def _format_deviation(deviation: float) -> str:
+def _format_symmetric_deviation(deviation: float) -> str:
     """Write a deviation to either side [m] in micrometres."""
     return f"±{_format_micrometres(deviation)}"
 
@@ -220,7 +222,7 @@ def _format_gauge_length(length: float) -> str:
     return use_decimal_comma(format_millimetres(length, 4))
 
 
-def _tabulate_reached_characteristics(sheet: Sheet, judged: Iterable[JudgedCharacteristic]) -> None:
+def _draw_reach_table(sheet: Sheet, judged: Iterable[JudgedCharacteristic]) -> None:
     """Draw the table of the characteristics that the assembly reaches or misses, with reasons."""
     numbers: dict[Contribution, list[int]] = {}
     for item in judged:
@@ -228,12 +230,12 @@ def _tabulate_reached_characteristics(sheet: Sheet, judged: Iterable[JudgedChara
     rows = [("reached", "no. on the inspection sheet", "by, or why not")]
     for contribution in Contribution:
         if contribution in numbers:
-            listed = format_numbers(numbers[contribution])
+            listed = format_number_ranges(numbers[contribution])
             rows.append((contribution.reach.value, listed, contribution.value))
     sheet.write_table(_REACH_CORNER, rows, _REACH_WIDTHS)
 
 
-def format_numbers(numbers: Iterable[int]) -> str:
+def format_number_ranges(numbers: Iterable[int]) -> str:
     """Write ascending whole numbers, those that follow one another as a range: ``1-4, 7``."""
     ranges: list[list[int]] = []
     for number in numbers:
@@ -255,9 +257,9 @@ def _list_assembly_notes(pair: GaugePair) -> list[str]:
     lengths = f"{_format_gauge_length(pair.upper)} - {_format_gauge_length(pair.lower)}"
     height = _format_gauge_length(pair.upper - pair.lower)
     std = _format_micrometres(0.5 * pair.expected)
-    expected = _format_deviation(pair.expected)
-    worst = _format_deviation(pair.worst)
-    film = _format_deviation(WRINGING)
+    expected = _format_symmetric_deviation(pair.expected)
+    worst = _format_symmetric_deviation(pair.worst)
+    film = _format_symmetric_deviation(WRINGING)
     return [
         f"Step: {lengths} = {height} mm; standard uncertainty {std}, 95 % within {expected},",
         f"at worst {worst}: lengths, half of their variations, {film} of film under each block.",

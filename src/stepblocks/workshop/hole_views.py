@@ -9,7 +9,7 @@ from stepblocks.workshop.paper import (
     Alignment,
     Layer,
     Point,
-    choose_scale,
+    choose_standard_scale,
     format_scale,
     use_decimal_comma,
 )
@@ -87,26 +87,32 @@ def draw_holes_from_above(
         use_decimal_comma(f"2 x {thread}, section C"),
     )
     sheet.draw_cutting_line((x - half_length - 3.0, y), (x + half_length + 3.0, y), "C")
-    _draw_section(sheet, body, mounting)
+    _draw_hole_section(sheet, body, mounting)
 
 
 def _draw_hole_circles(
-    sheet: Sheet, mounting: Mounting, centre: Point, hole: float, entry: float
+    sheet: Sheet, mounting: Mounting, centre: Point, hole_radius_mm: float, entry_radius_mm: float
 ) -> None:
     """Draw one hole from above by the radii of hole and entry on the paper, with centre lines."""
     x, y = centre
     if mounting.kind == "clearance":
-        sheet.draw_circle(centre, entry)
-        sheet.draw_circle(centre, hole)
+        sheet.draw_circle(centre, entry_radius_mm)
+        sheet.draw_circle(centre, hole_radius_mm)
     else:  # tapped from below, and so hidden
-        sheet.draw_circle(centre, hole, Layer.HIDDEN)
+        sheet.draw_circle(centre, hole_radius_mm, Layer.HIDDEN)
         thread = []
         for index in range(_THREAD_ARC_POINTS):
             turn = math.radians(_THREAD_ARC_STEP * (index + 1))
-            thread.append((x + entry * math.cos(turn), y + entry * math.sin(turn)))
+            thread.append(
+                (x + entry_radius_mm * math.cos(turn), y + entry_radius_mm * math.sin(turn))
+            )
         sheet.draw_polyline(thread, Layer.HIDDEN)
-    sheet.draw_line((x - hole - _CENTRE_LINE, y), (x + hole + _CENTRE_LINE, y), Layer.CENTRE)
-    sheet.draw_line((x, y - hole - _CENTRE_LINE), (x, y + hole + _CENTRE_LINE), Layer.CENTRE)
+    sheet.draw_line(
+        (x - hole_radius_mm - _CENTRE_LINE, y), (x + hole_radius_mm + _CENTRE_LINE, y), Layer.CENTRE
+    )
+    sheet.draw_line(
+        (x, y - hole_radius_mm - _CENTRE_LINE), (x, y + hole_radius_mm + _CENTRE_LINE), Layer.CENTRE
+    )
 
 
 @dataclass(frozen=True)
@@ -131,7 +137,7 @@ class _HoleSection:
         if mounting.kind == "tapped":
             shown = min(thickness, 1.2 * mounting.depth.nominal)
         width = 1.6 * mounting.entry_diameter
-        scale = choose_scale(
+        scale = choose_standard_scale(
             min(
                 _SECTION_HEIGHT / (shown * MILLIMETRES_PER_METRE),
                 _SECTION_WIDTH / (width * MILLIMETRES_PER_METRE),
@@ -162,7 +168,7 @@ class _HoleSection:
         return self.x - self.half - 5.0, self.base + 0.5 * (self.top - self.base)
 
 
-def _draw_section(sheet: Sheet, body: Body, mounting: Mounting) -> None:
+def _draw_hole_section(sheet: Sheet, body: Body, mounting: Mounting) -> None:
     """Draw a hole in section; a thread as in ISO 6410-1, crests thick and roots thin."""
     section = _HoleSection.from_body(body, mounting)
     x, base, top, half = section.x, section.base, section.top, section.half
@@ -172,7 +178,7 @@ def _draw_section(sheet: Sheet, body: Body, mounting: Mounting) -> None:
     for side in (-1.0, 1.0):
         sheet.draw_break_line(x + side * half, base, top)
         if mounting.kind == "tapped":
-            _draw_thread(sheet, section, mounting, side)
+            _draw_thread_lines(sheet, section, mounting, side)
             outline = _list_tapped_outline(section)
         else:
             outline = _list_counterbored_outline(section)
@@ -232,7 +238,9 @@ def _list_counterbored_outline(section: _HoleSection) -> list[Point]:
     ]
 
 
-def _draw_thread(sheet: Sheet, section: _HoleSection, mounting: Mounting, side: float) -> None:
+def _draw_thread_lines(
+    sheet: Sheet, section: _HoleSection, mounting: Mounting, side: float
+) -> None:
     """Draw root and end of the thread on one side of the axis."""
     x, base = section.x, section.base
     thread_end = base + mounting.thread_depth * section.magnification
@@ -246,13 +254,13 @@ def _label_thread(sheet: Sheet, section: _HoleSection, mounting: Mounting) -> No
     tip_height = 0.4 * mounting.thread_depth * section.magnification
     tip = (section.x - section.entry, section.base + tip_height)
     elbow_x, elbow_y = section.text_start
-    sheet.lead_to_characteristic(
+    sheet.draw_characteristic_leader(
         "thread",
         tip,
         section.text_start,
         use_decimal_comma(f"{mounting.thread}-6H, thread {{}} deep"),
     )
-    core = f"core {sheet.format_drill(mounting.hole_diameter)}"
+    core = f"core {sheet.format_tool_diameter(mounting.hole_diameter)}"
     sheet.write_text(
         (elbow_x - 5.0, elbow_y - 6.0), f"{core}, 6H of ISO 965-1", alignment=Alignment.RIGHT
     )
@@ -260,8 +268,8 @@ def _label_thread(sheet: Sheet, section: _HoleSection, mounting: Mounting) -> No
 
 def _label_counterbored_hole(sheet: Sheet, section: _HoleSection) -> None:
     """Write the diameters of through hole and counterbore beside the section."""
-    hole = sheet.format_drill(2.0 * section.drill / section.magnification)
-    entry = sheet.format_drill(2.0 * section.entry / section.magnification)
+    hole = sheet.format_tool_diameter(2.0 * section.drill / section.magnification)
+    entry = sheet.format_tool_diameter(2.0 * section.entry / section.magnification)
     sheet.draw_leader(
         (section.x - section.drill, section.base + 3.0),
         section.text_start,

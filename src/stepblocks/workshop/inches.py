@@ -25,7 +25,7 @@ class InchSize:
     upper: float
     decimals: int
 
-    def format_limits(self) -> str:
+    def format_with_deviations(self) -> str:
         """Write nominal and deviations: ``.0020 ±.0001`` or ``.0000 +.0001/-.0000``."""
         value = format_inches(self.nominal, self.decimals)
         high = format_inches(self.upper, self.decimals)
@@ -35,14 +35,16 @@ class InchSize:
         return f"{value} +{high}/-{low}"
 
 
-def convert_inward(nominal: float, lower: float, upper: float) -> InchSize:
+def convert_to_inches_inward(
+    nominal: float, lower_deviation: float, upper_deviation: float
+) -> InchSize:
     """Convert a nominal size with its signed deviations [m] so that no limit widens.
 
     Deviations that are alike stay alike.
     """
-    least = (nominal + lower) / INCH
-    largest = (nominal + upper) / INCH
-    is_symmetric = abs(upper + lower) < _ALIKE
+    least = (nominal + lower_deviation) / INCH
+    largest = (nominal + upper_deviation) / INCH
+    is_symmetric = abs(upper_deviation + lower_deviation) < _ALIKE
     for decimals in range(_LEAST_DECIMALS, _MOST_DECIMALS + 1):
         step = 10.0**-decimals
         low = math.ceil(least / step - _SAME)
@@ -57,37 +59,37 @@ def convert_inward(nominal: float, lower: float, upper: float) -> InchSize:
     return InchSize(value * step, (low - value) * step, (high - value) * step, decimals)
 
 
-def format_inches(length: float, decimals: int) -> str:
+def format_inches(inches: float, decimals: int) -> str:
     """Write a length [inch] without a zero before the decimal point."""
-    text = f"{abs(length):.{decimals}f}".removeprefix("0")
-    if length < 0.0 and float(text) != 0.0:
+    text = f"{abs(inches):.{decimals}f}".removeprefix("0")
+    if inches < 0.0 and float(text) != 0.0:
         return f"-{text}"
     return text
 
 
-def format_largest(length: float) -> str:
+def format_largest_in_inches(length: float) -> str:
     """Write the largest length [m] that is permitted, rounded down to three digits."""
-    decimals = _count_decimals(length / INCH)
+    decimals = _count_decimals_of_three_digits(length / INCH)
     step = 10.0**-decimals
     return format_inches(math.floor(length / INCH / step + _SAME) * step, decimals)
 
 
-def format_least(length: float) -> str:
+def format_least_in_inches(length: float) -> str:
     """Write the least length [m] that is permitted, rounded up to three digits."""
-    decimals = _count_decimals(length / INCH)
+    decimals = _count_decimals_of_three_digits(length / INCH)
     step = 10.0**-decimals
     return format_inches(math.ceil(length / INCH / step - _SAME) * step, decimals)
 
 
-def format_roughness(largest: float) -> str:
+def format_largest_roughness_in_microinches(largest_roughness: float) -> str:
     """Write the largest roughness [m] in microinches, rounded down to three digits."""
-    microinches = largest / INCH * 1e6
-    decimals = _count_decimals(microinches)
+    microinches = largest_roughness / INCH * 1e6
+    decimals = _count_decimals_of_three_digits(microinches)
     step = 10.0**-decimals
     return f"{math.floor(microinches / step + _SAME) * step:.{decimals}f}"
 
 
-def _count_decimals(value: float) -> int:
+def _count_decimals_of_three_digits(value: float) -> int:
     """Return the decimals that write a positive value with three digits."""
     if value <= 0.0:
         return _LEAST_DECIMALS

@@ -11,7 +11,11 @@ from stepblocks.files.atomic import replace_text
 from stepblocks.files.tables import write_table
 from stepblocks.parts.apparatus.declared import Apparatus
 from stepblocks.parts.apparatus.interference import find_interferences
-from stepblocks.parts.apparatus.layout import list_components, list_made_names, list_stages
+from stepblocks.parts.apparatus.layout import (
+    list_assembly_stages,
+    list_components,
+    list_made_component_names,
+)
 from stepblocks.parts.conditions import OrderSpec
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.kit_part import KitPart
@@ -22,12 +26,12 @@ from stepblocks.workshop.kit_lists import (
     tabulate_loads,
     tabulate_parts,
 )
-from stepblocks.workshop.kit_pictures import draw_stages
+from stepblocks.workshop.kit_pictures import write_stage_pictures
 
 _SHOWN_INTERFERENCES = 5  # in a message
 
 
-def find_kits(parts: Sequence[Part]) -> list[Apparatus]:
+def find_complete_kits(parts: Sequence[Part]) -> list[Apparatus]:
     """Find the kits of which every part that is made is among some parts."""
     names: dict[str, set[str]] = {}
     kits: dict[str, Apparatus] = {}
@@ -37,7 +41,7 @@ def find_kits(parts: Sequence[Part]) -> list[Apparatus]:
             names.setdefault(part.kit.id, set()).add(part.component)
     whole = []
     for identity, kit in kits.items():
-        if names[identity].issuperset(list_made_names(kit)):
+        if names[identity].issuperset(list_made_component_names(kit)):
             whole.append(kit)
     return whole
 
@@ -83,7 +87,7 @@ def write_kit_assembly_files(folder: Path, kit: Apparatus, order: OrderSpec) -> 
     session = folder / f"{kit.id}.session.toml"
     replace_text(session, format_session_lines(kit))
     written.append(session)
-    written += draw_stages(folder, kit.id, list_stages(kit))
+    written += write_stage_pictures(folder, kit.id, list_assembly_stages(kit))
     return written
 
 

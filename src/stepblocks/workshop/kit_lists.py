@@ -5,14 +5,14 @@ from dataclasses import dataclass
 
 from stepblocks.parts.apparatus.component import Component
 from stepblocks.parts.apparatus.declared import Apparatus
-from stepblocks.parts.apparatus.flexure import compute_flexure
+from stepblocks.parts.apparatus.flexure import compute_flexure_figures
 from stepblocks.parts.apparatus.layout import list_components
 from stepblocks.parts.apparatus.loads import (
     ErrorSource,
     Load,
     compute_normal_load,
-    compute_pull,
-    find_largest_common_std,
+    compute_pulling_load,
+    find_largest_common_load_std,
 )
 from stepblocks.parts.apparatus.probe_arm import (
     WEIGHT_NAME,
@@ -62,17 +62,17 @@ def tabulate_parts(kit: Apparatus) -> list[dict[str, object]]:
     rows = []
     for component in components:
         if component.is_made:
-            rows.append(_make_row(MADE, [items[component.name]], [component]))
-    for group in _group_bought(components):
+            rows.append(_make_component_row(MADE, [items[component.name]], [component]))
+    for group in _group_bought_components(components):
         items_of_group = [items[component.name] for component in group]
-        rows.append(_make_row(BOUGHT, items_of_group, group))
-    rows += _yield_weights(kit, items[WEIGHT_NAME])
+        rows.append(_make_component_row(BOUGHT, items_of_group, group))
+    rows += _yield_weight_rows(kit, items[WEIGHT_NAME])
     for fastener in _FASTENERS:
         rows.append(_make_unnumbered_row(fastener.count, fastener.what, fastener.purpose))
     return rows
 
 
-def _group_bought(components: Sequence[Component]) -> list[list[Component]]:
+def _group_bought_components(components: Sequence[Component]) -> list[list[Component]]:
     """Group what is bought by its designation, but for the weights."""
     groups: dict[str, list[Component]] = {}
     for component in components:
@@ -81,7 +81,9 @@ def _group_bought(components: Sequence[Component]) -> list[list[Component]]:
     return list(groups.values())
 
 
-def _make_row(source: str, items: Sequence[int], parts: Sequence[Component]) -> dict[str, object]:
+def _make_component_row(
+    source: str, items: Sequence[int], parts: Sequence[Component]
+) -> dict[str, object]:
     """Make a row of parts that are ordered alike."""
     first = parts[0]
     name, material = "", ""
@@ -100,11 +102,14 @@ def _make_row(source: str, items: Sequence[int], parts: Sequence[Component]) -> 
     }
 
 
-def _yield_weights(kit: Apparatus, item: int) -> Iterator[dict[str, object]]:
+def _yield_weight_rows(kit: Apparatus, item_number: int) -> Iterator[dict[str, object]]:
     """Yield a row for each weight; those on the explorer share an item."""
     for mass in kit.normal_weights:
         what = describe_bored_weight(mass)
-        yield {**_make_unnumbered_row(1, what, "on the shank of the explorer"), "items": str(item)}
+        yield {
+            **_make_unnumbered_row(1, what, "on the shank of the explorer"),
+            "items": str(item_number),
+        }
     for mass in kit.pulling_weights:
         what = f"{describe_weight(mass)}, slotted 3.2"
         yield _make_unnumbered_row(1, what, "on the hanger of the cord")
@@ -130,7 +135,7 @@ def tabulate_loads(kit: Apparatus) -> list[dict[str, object]]:
     for mass in kit.normal_weights:
         rows.append(_make_load_row("normal", compute_normal_load(kit, mass)))
     for mass in kit.pulling_weights:
-        rows.append(_make_load_row("pull", compute_pull(kit, mass)))
+        rows.append(_make_load_row("pull", compute_pulling_load(kit, mass)))
     return rows
 
 
@@ -153,7 +158,7 @@ def tabulate_flexure(kit: Apparatus) -> list[dict[str, object]]:
     """List stiffness, first frequency and output of the flexure, a row for each weight."""
     rows: list[dict[str, object]] = []
     for mass in kit.normal_weights:
-        figures = compute_flexure(kit, mass)
+        figures = compute_flexure_figures(kit, mass)
         rows.append(
             {
                 "weight_g": 1e3 * mass,
@@ -168,8 +173,8 @@ def tabulate_flexure(kit: Apparatus) -> list[dict[str, object]]:
 
 def format_session_lines(kit: Apparatus) -> str:
     """Write what a session of this kit declares of its load, as session.toml takes it."""
-    std = find_largest_common_std(kit)
-    spring = compute_flexure(kit).stiffness
+    std = find_largest_common_load_std(kit)
+    spring = compute_flexure_figures(kit).stiffness
     return f"""# What a session on {kit.id} says of its load: put these lines into its session.toml.
 # By the budget of the kit: mass, gravity, arm and balance of the heaviest weight. Put your own
 # figures where you have measured them. The flexure is a spring of {spring * 1e-3:.4g} N/mm.

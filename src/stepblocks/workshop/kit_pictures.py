@@ -45,14 +45,14 @@ class _Painted:
     colour: tuple[float, float, float]
 
 
-def draw_stages(folder: Path, name: str, stages: Sequence[Stage]) -> list[Path]:
+def write_stage_pictures(folder: Path, kit_name: str, stages: Sequence[Stage]) -> list[Path]:
     """Draw every stage on those before it, what is new in colour, with the numbers of the items.
 
     Parameters
     ----------
     folder : Path
         Where the files go.
-    name : str
+    kit_name : str
         Of the kit.
     stages : sequence of Stage
         In the order of the assembly.
@@ -65,23 +65,23 @@ def draw_stages(folder: Path, name: str, stages: Sequence[Stage]) -> list[Path]:
     paths = []
     first_item = 1
     for number, stage in enumerate(stages, start=1):
-        path = folder / f"{name}.stage-{number}.svg"
-        _draw_stage(path, stages[:number], first_item)
+        path = folder / f"{kit_name}.stage-{number}.svg"
+        _write_stage_picture(path, stages[:number], first_item)
         first_item += len(stage.components)
         paths.append(path)
     return paths
 
 
-def _draw_stage(path: Path, stages: Sequence[Stage], first_item: int) -> None:
+def _write_stage_picture(path: Path, stages: Sequence[Stage], first_item: int) -> None:
     """Draw the last of several stages on the others; its items count from a number."""
     figure, axes = make_figure(width=_SIZE, height=0.75 * _SIZE)
-    for solid in _order_from_far(_list_solids(stages)):
+    for solid in _order_farthest_first(_list_painted_solids(stages)):
         _paint_faces(axes, solid)
     places: list[tuple[float, float]] = []
     for item, component in enumerate(stages[-1].components, start=first_item):
-        place = _find_free_place(component.bounding_box.centre, places)
+        place = _find_free_number_place(component.bounding_box.centre, places)
         places.append(place)
-        _write_number(axes, place, item)
+        _write_item_number(axes, place, item)
     axes.set_aspect("equal")
     axes.autoscale_view()
     axes.axis("off")
@@ -89,7 +89,7 @@ def _draw_stage(path: Path, stages: Sequence[Stage], first_item: int) -> None:
     save_figure(figure, path)
 
 
-def _list_solids(stages: Sequence[Stage]) -> list[_Painted]:
+def _list_painted_solids(stages: Sequence[Stage]) -> list[_Painted]:
     """List the solids to paint; those of the last stage have a colour of their own."""
     boxes: list[Box] = []
     for stage in stages:
@@ -101,16 +101,16 @@ def _list_solids(stages: Sequence[Stage]) -> list[_Painted]:
         for component in stage.components:
             solids += [_Painted(box, _list_box_faces(box), colour) for box in component.boxes]
             for rod in component.rods:
-                for piece in _list_uncovered(rod, boxes):
-                    solids.append(_Painted(piece.box, _list_rod_faces(piece), colour))
+                for piece in _list_uncovered_rod_pieces(rod, boxes):
+                    solids.append(_Painted(piece.bounding_box, _list_rod_faces(piece), colour))
     return solids
 
 
-def _list_uncovered(rod: Cylinder, boxes: Sequence[Box]) -> list[Cylinder]:
+def _list_uncovered_rod_pieces(rod: Cylinder, boxes: Sequence[Box]) -> list[Cylinder]:
     """List the pieces of a rod outside of boxes that it goes through or stands in."""
     ends = [(rod.start[rod.axis_index], rod.end[rod.axis_index])]
     for box in boxes:
-        if _contains_section(box, rod):
+        if _contains_rod_section(box, rod):
             ends = _cut_gap_out(ends, (box.low[rod.axis_index], box.high[rod.axis_index]))
     pieces = []
     for start, end in ends:
@@ -121,9 +121,9 @@ def _list_uncovered(rod: Cylinder, boxes: Sequence[Box]) -> list[Cylinder]:
     return pieces
 
 
-def _contains_section(box: Box, rod: Cylinder) -> bool:
+def _contains_rod_section(box: Box, rod: Cylinder) -> bool:
     """Tell whether a box has the section of a rod within it."""
-    around = rod.box
+    around = rod.bounding_box
     for axis in rod.cross_axis_indices:
         if around.low[axis] < box.low[axis] - _SAME or around.high[axis] > box.high[axis] + _SAME:
             return False
@@ -161,20 +161,25 @@ def _list_box_faces(box: Box) -> list[_Face]:
         first, second = (k for k in range(3) if k != axis)
         corners = []
         for a, b in ((box.low, box.low), (box.high, box.low), (box.high, box.high)):
-            corners.append(_combine_corner(axis, seen, first, a, second, b))
-        corners.append(_combine_corner(axis, seen, first, box.low, second, box.high))
+            corners.append(_combine_face_corner(axis, seen, first, a, second, b))
+        corners.append(_combine_face_corner(axis, seen, first, box.low, second, box.high))
         faces.append(_Face(_project_on_picture(np.array(corners)), _SHADES[axis]))
     return faces
 
 
-def _combine_corner(
-    axis: int, seen: Point3, first: int, of_first: Point3, second: int, of_second: Point3
+def _combine_face_corner(
+    axis: int,
+    face_point: Point3,
+    first_axis: int,
+    first_point: Point3,
+    second_axis: int,
+    second_point: Point3,
 ) -> list[float]:
     """Make a corner of a face square to an axis, of coordinates of three points [m]."""
     corner = [0.0, 0.0, 0.0]
-    corner[axis] = seen[axis]
-    corner[first] = of_first[first]
-    corner[second] = of_second[second]
+    corner[axis] = face_point[axis]
+    corner[first_axis] = first_point[first_axis]
+    corner[second_axis] = second_point[second_axis]
     return corner
 
 
@@ -188,11 +193,11 @@ def _list_rod_faces(rod: Cylinder) -> list[_Face]:
     start = _project_on_picture(circle + np.array(rod.start))
     end = _project_on_picture(circle + np.array(rod.end))
     seen = end if _TO_EYE[rod.axis_index] > 0.0 else start
-    silhouette = _find_hull(np.concatenate([start, end]))
+    silhouette = _find_picture_hull(np.concatenate([start, end]))
     return [_Face(silhouette, _SHADES[1]), _Face(seen, _SHADES[rod.axis_index])]
 
 
-def _find_hull(points: NDArray[np.float64]) -> NDArray[np.float64]:
+def _find_picture_hull(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Find the convex hull of points on the picture, shape (n, 2) [m]."""
     from scipy.spatial import ConvexHull
 
@@ -200,45 +205,49 @@ def _find_hull(points: NDArray[np.float64]) -> NDArray[np.float64]:
     return hull
 
 
-def _order_from_far(solids: Sequence[_Painted]) -> list[_Painted]:
+def _order_farthest_first(solids: Sequence[_Painted]) -> list[_Painted]:
     """Order solids so that none is painted before one that it covers."""
     waiting = list(solids)
     ordered = []
     while waiting:
-        farthest = next((solid for solid in waiting if not _covers_any(solid, waiting)), waiting[0])
+        farthest = next(
+            (solid for solid in waiting if not _is_nearer_than_any(solid, waiting)), waiting[0]
+        )
         waiting.remove(farthest)
         ordered.append(farthest)
     return ordered
 
 
-def _covers_any(solid: _Painted, waiting: Sequence[_Painted]) -> bool:
+def _is_nearer_than_any(solid: _Painted, waiting: Sequence[_Painted]) -> bool:
     """Tell whether a solid is nearer to the eye than one that is not painted yet."""
-    return any(_is_nearer(solid.box, behind.box) for behind in waiting if behind is not solid)
+    return any(
+        _is_nearer_to_eye(solid.box, behind.box) for behind in waiting if behind is not solid
+    )
 
 
-def _is_nearer(box: Box, behind: Box) -> bool:
+def _is_nearer_to_eye(box: Box, other: Box) -> bool:
     """Tell whether a box is nearer to the eye than another, along the first axis that parts them.
 
     Of two that overlap the one with the nearer middle is, as of a shaft and its bearing.
     """
     for axis in range(3):
-        is_higher = box.low[axis] >= behind.high[axis] - _SAME
-        is_lower = box.high[axis] <= behind.low[axis] + _SAME
+        is_higher = box.low[axis] >= other.high[axis] - _SAME
+        is_lower = box.high[axis] <= other.low[axis] + _SAME
         if is_higher or is_lower:
-            return is_higher == (_TO_EYE[axis] > 0.0) and _overlap_on_picture(box, behind)
-    return _measure_nearness(box) > _measure_nearness(behind)
+            return is_higher == (_TO_EYE[axis] > 0.0) and _overlap_on_picture(box, other)
+    return _compute_nearness_to_eye(box) > _compute_nearness_to_eye(other)
 
 
-def _overlap_on_picture(box: Box, behind: Box) -> bool:
+def _overlap_on_picture(box: Box, other: Box) -> bool:
     """Tell whether the rectangles around two boxes on the picture overlap."""
-    first = _project_on_picture(np.array(_list_corners(box)))
-    second = _project_on_picture(np.array(_list_corners(behind)))
+    first = _project_on_picture(np.array(_list_box_corners(box)))
+    second = _project_on_picture(np.array(_list_box_corners(other)))
     low = np.maximum(first.min(axis=0), second.min(axis=0))
     high = np.minimum(first.max(axis=0), second.max(axis=0))
     return bool((high > low).all())
 
 
-def _list_corners(box: Box) -> list[Point3]:
+def _list_box_corners(box: Box) -> list[Point3]:
     """List the corners of a box [m]."""
     corners = []
     for x in (box.low[0], box.high[0]):
@@ -248,7 +257,7 @@ def _list_corners(box: Box) -> list[Point3]:
     return corners
 
 
-def _measure_nearness(box: Box) -> float:
+def _compute_nearness_to_eye(box: Box) -> float:
     """Return how near to the eye the middle of a box lies."""
     return math.fsum(a * b for a, b in zip(box.centre, _TO_EYE, strict=True))
 
@@ -261,15 +270,17 @@ def _paint_faces(axes: Axes, solid: _Painted) -> None:
         axes.fill(x, y, facecolor=colour, edgecolor=_INK, linewidth=0.6, joinstyle="round")
 
 
-def _find_free_place(centre: Point3, taken: Sequence[tuple[float, float]]) -> tuple[float, float]:
+def _find_free_number_place(
+    item_centre: Point3, taken_places: Sequence[tuple[float, float]]
+) -> tuple[float, float]:
     """Find a place for the number of an item at its centre, or under the numbers that are there."""
-    ((x, y),) = _project_on_picture(np.array([centre])).tolist()
-    while any(math.dist((x, y), place) < _NUMBER_ROOM for place in taken):
+    ((x, y),) = _project_on_picture(np.array([item_centre])).tolist()
+    while any(math.dist((x, y), place) < _NUMBER_ROOM for place in taken_places):
         y -= _NUMBER_ROOM
     return x, y
 
 
-def _write_number(axes: Axes, place: tuple[float, float], item: int) -> None:
+def _write_item_number(axes: Axes, place: tuple[float, float], item: int) -> None:
     """Write the number of an item at its place."""
     x, y = place
     box = {"boxstyle": "circle,pad=0.15", "facecolor": "white", "edgecolor": _INK, "lw": 0.5}

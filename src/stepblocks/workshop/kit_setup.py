@@ -10,15 +10,15 @@ from stepblocks.files.atomic import replace_text
 from stepblocks.files.pages import render_page
 from stepblocks.parts.apparatus.component import Component
 from stepblocks.parts.apparatus.solids import Box, Cylinder
-from stepblocks.parts.apparatus.stock import choose_stock
+from stepblocks.parts.apparatus.stock import choose_stock_solid
 from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.kinds.kit_part import KitPart
 from stepblocks.parts.on_paper import format_millimetres
 from stepblocks.parts.tolerance import GUARD_FACTOR
 from stepblocks.workshop.setup import (
     ProbedLine,
-    format_accepted,
-    format_demand,
+    format_acceptance_limits,
+    format_drawn_limits,
     is_proved_by_probe,
 )
 from stepblocks.workshop.setup_limits import PROBE
@@ -50,7 +50,7 @@ class Side(Enum):
             return False
         end = bore.end[axis] if way > 0 else bore.start[axis]
         beyond = end + way * 10.0 * _SAME
-        return not any(_holds_axis_at(box, bore, beyond) for box in component.boxes)
+        return not any(_contains_bore_axis_at(box, bore, beyond) for box in component.boxes)
 
 
 @dataclass(frozen=True)
@@ -64,14 +64,14 @@ class SetupLine:
     work: Sequence[str]
 
 
-def _holds_axis_at(box: Box, bore: Cylinder, place: float) -> bool:
+def _contains_bore_axis_at(box: Box, bore: Cylinder, coordinate: float) -> bool:
     """Tell whether a box holds the point on the axis of a bore at a coordinate [m]."""
     point = list(bore.start)
-    point[bore.axis_index] = place
+    point[bore.axis_index] = coordinate
     return all(box.low[axis] - _SAME < point[axis] < box.high[axis] + _SAME for axis in range(3))
 
 
-def write_kit_setup(folder: Path, part: KitPart) -> list[Path]:
+def write_kit_setup_sheet_and_stock(folder: Path, part: KitPart) -> list[Path]:
     """Write setup sheet and stock of a part of the apparatus.
 
     Parameters
@@ -87,7 +87,7 @@ def write_kit_setup(folder: Path, part: KitPart) -> list[Path]:
         The sheet as HTML and the stock as STEP.
     """
     component = part.placed_component
-    stock = choose_stock(component)
+    stock = choose_stock_solid(component)
     setups = _list_setups(component)
     text = render_page(
         "stepblocks.workshop",
@@ -96,7 +96,7 @@ def write_kit_setup(folder: Path, part: KitPart) -> list[Path]:
         component=component,
         stock=_describe_stock(stock),
         setups=[line for line, _ in setups],
-        probed=list(_yield_probed(part, component, setups)),
+        probed=list(_yield_probing_lines(part, component, setups)),
         probe=f"{PROBE * 1e6:g} um",
         guard=GUARD_FACTOR,
     )
@@ -104,7 +104,7 @@ def write_kit_setup(folder: Path, part: KitPart) -> list[Path]:
     replace_text(page, text)
     solid = folder / f"{part.id}.stock.step"
     name = f"{part.id}-stock"
-    write_conforming(solid, name, [(name, stock.build())], part.material, [])
+    write_conforming(solid, name, [(name, stock.build_solid())], part.material, [])
     return [page, solid]
 
 
@@ -120,7 +120,7 @@ def _describe_stock(stock: Box | Cylinder) -> str:
 def _list_setups(component: Component) -> list[tuple[SetupLine, list[Cylinder]]]:
     """List the setups of a component, each with the bores that are made in it."""
     if component.is_turned:
-        return [(_make_turning_line(component), list(component.bores))]
+        return [(_make_turning_setup(component), list(component.bores))]
     setups: list[tuple[SetupLine, list[Cylinder]]] = []
     waiting = list(component.bores)
     for side in Side:
@@ -130,19 +130,19 @@ def _list_setups(component: Component) -> list[tuple[SetupLine, list[Cylinder]]]
             continue
         waiting = [bore for bore in waiting if bore not in bores]
         number = len(setups) + 1
-        setups.append((_make_milling_line(component, side, number, bores), bores))
+        setups.append((_make_milling_setup(component, side, number, bores), bores))
     return setups
 
 
-def _make_turning_line(component: Component) -> SetupLine:
+def _make_turning_setup(component: Component) -> SetupLine:
     """Return the line of the one setup of a part that is turned."""
     work = [f"face and turn R{number}" for number in range(1, len(component.rods) + 1)]
-    work += [_describe_bore(component, bore) for bore in component.bores]
+    work += [_describe_bore_work(component, bore) for bore in component.bores]
     work.append("part off and face to length")
     return SetupLine(1, "end", "chuck", "axis of the bar, its faced end", work)
 
 
-def _make_milling_line(
+def _make_milling_setup(
     component: Component, side: Side, number: int, bores: Sequence[Cylinder]
 ) -> SetupLine:
     """Return the line of a setup with one side up."""
@@ -156,11 +156,11 @@ def _make_milling_line(
     elif side is Side.TOP:
         clamping = "vice, base down on parallels"
         work.append("mill the sides and all faces that are seen from above")
-    work += [_describe_bore(component, bore) for bore in bores]
+    work += [_describe_bore_work(component, bore) for bore in bores]
     return SetupLine(number, f"{side.label} up", clamping, datum, work)
 
 
-def _describe_bore(component: Component, bore: Cylinder) -> str:
+def _describe_bore_work(component: Component, bore: Cylinder) -> str:
     """Say how a bore is made."""
     name = f"B{component.bores.index(bore) + 1}"
     diameter = f"{bore.diameter * _MM:g}"
@@ -173,7 +173,7 @@ def _describe_bore(component: Component, bore: Cylinder) -> str:
     return f"{name}: drill {diameter}"
 
 
-def _yield_probed(
+def _yield_probing_lines(
     part: KitPart,
     component: Component,
     setups: Sequence[tuple[SetupLine, list[Cylinder]]],
@@ -183,15 +183,15 @@ def _yield_probed(
         place = f"off the machine: {characteristic.method}"
         accepted = "-"
         if is_proved_by_probe(characteristic):
-            setup = _find_setup(characteristic, component, setups)
+            setup = _find_probing_setup(characteristic, component, setups)
             place = f"setup {setup.number}"
-            accepted = format_accepted(characteristic)
+            accepted = format_acceptance_limits(characteristic)
         yield ProbedLine(
-            str(number), characteristic.label, format_demand(characteristic), place, accepted
+            str(number), characteristic.label, format_drawn_limits(characteristic), place, accepted
         )
 
 
-def _find_setup(
+def _find_probing_setup(
     characteristic: Characteristic,
     component: Component,
     setups: Sequence[tuple[SetupLine, list[Cylinder]]],

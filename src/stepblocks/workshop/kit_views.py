@@ -15,7 +15,7 @@ from stepblocks.workshop.paper import (
     Layer,
     Paper,
     Point,
-    choose_scale,
+    choose_standard_scale,
     format_scale,
     use_decimal_comma,
 )
@@ -107,7 +107,7 @@ def draw_kit_part_views(sheet: Sheet, part: KitPart) -> UnwrittenNotes:
     for view in views:
         _draw_component(sheet, view, component)
         _label_cylinders(sheet, view, component)
-        _write_caption(sheet, view)
+        _write_view_caption(sheet, view)
     _draw_overall_dimensions(sheet, views)
     notes = ["Break all edges by 0,3 mm; no burr."]
     if component.bores:
@@ -132,9 +132,9 @@ def draw_assembly_views(paper: Paper, components: Sequence[Component]) -> None:
     boxes = [box for component in components for box in component.boxes]
     for view in views:
         for component in components:
-            _draw_uncovered(paper, view, component, boxes)
-        _write_caption(paper, view)
-    _number_components(paper, views[0], components)
+            _draw_uncovered_solids(paper, view, component, boxes)
+        _write_view_caption(paper, view)
+    _draw_component_numbers(paper, views[0], components)
     rows = [("item", "name", "material, or what it is ordered by")]
     for number, component in enumerate(components, start=1):
         ordered = component.material.order_text  # a number such as 1.4301 has no decimals
@@ -144,19 +144,21 @@ def draw_assembly_views(paper: Paper, components: Sequence[Component]) -> None:
     paper.write_table(_LIST_CORNER, rows, _LIST_WIDTHS)
 
 
-def _draw_uncovered(
+def _draw_uncovered_solids(
     paper: Paper, view: _PlacedView, component: Component, boxes: Sequence[Box]
 ) -> None:
     """Draw the boxes and rods of a component that no box covers in a view."""
     for box in component.boxes:
-        if _choose_layer(view, box, boxes) is Layer.OUTLINE:
+        if _choose_outline_layer(view, box, boxes) is Layer.OUTLINE:
             _draw_box(paper, view, box, Layer.OUTLINE)
     for rod in component.rods:
-        if _choose_layer(view, rod.box, boxes) is Layer.OUTLINE:
+        if _choose_outline_layer(view, rod.bounding_box, boxes) is Layer.OUTLINE:
             _draw_cylinder(paper, view, rod, Layer.OUTLINE)
 
 
-def _number_components(paper: Paper, view: _PlacedView, components: Sequence[Component]) -> None:
+def _draw_component_numbers(
+    paper: Paper, view: _PlacedView, components: Sequence[Component]
+) -> None:
     """Write the numbers of components in a row over a view and in one under it, with leaders."""
     places = []
     for number, component in enumerate(components, start=1):
@@ -186,24 +188,24 @@ def _needs_left_view(component: Component) -> bool:
 
 
 def _lay_out_views(
-    extent: Box, has_left_view: bool, left: float, foot: float, room: Point
+    extent: Box, has_left_view: bool, left_mm: float, foot_mm: float, room_mm: Point
 ) -> list[_PlacedView]:
     """Place front view, top view below it and left view to the right of it, in a room [mm]."""
     length, width, height = (MILLIMETRES_PER_METRE * size for size in extent.sizes)
-    room_x, room_y = room
+    room_x, room_y = room_mm
     across = length
     free_x = room_x
     if has_left_view:
         across += width
         free_x -= _GAP
-    scale = choose_scale(min(free_x / across, (room_y - _GAP) / (width + height)))
-    front_corner = (left, foot + width * scale + _GAP)
+    scale = choose_standard_scale(min(free_x / across, (room_y - _GAP) / (width + height)))
+    front_corner = (left_mm, foot_mm + width * scale + _GAP)
     views = [
         _PlacedView(_FRONT, front_corner, scale, extent),
-        _PlacedView(_TOP, (left, foot), scale, extent),
+        _PlacedView(_TOP, (left_mm, foot_mm), scale, extent),
     ]
     if has_left_view:
-        corner = (left + length * scale + _GAP, front_corner[1])
+        corner = (left_mm + length * scale + _GAP, front_corner[1])
         views.append(_PlacedView(_FROM_LEFT, corner, scale, extent))
     return views
 
@@ -216,28 +218,30 @@ def _find_common_extent(components: Sequence[Component]) -> Box:
 def _draw_component(paper: Paper, view: _PlacedView, component: Component) -> None:
     """Draw boxes, rods and bores of a component; what is covered is drawn hidden."""
     for box in component.boxes:
-        _draw_box(paper, view, box, _choose_layer(view, box, component.boxes))
+        _draw_box(paper, view, box, _choose_outline_layer(view, box, component.boxes))
     for rod in component.rods:
-        _draw_cylinder(paper, view, rod, _choose_layer(view, rod.box, component.boxes))
+        _draw_cylinder(
+            paper, view, rod, _choose_outline_layer(view, rod.bounding_box, component.boxes)
+        )
     for bore in component.bores:
         layer = Layer.HIDDEN
         if bore.axis_index == view.direction.out:
-            layer = _choose_layer(view, bore.box, component.boxes)
+            layer = _choose_outline_layer(view, bore.bounding_box, component.boxes)
         _draw_cylinder(paper, view, bore, layer)
 
 
-def _choose_layer(view: _PlacedView, solid: Box, boxes: Sequence[Box]) -> Layer:
+def _choose_outline_layer(view: _PlacedView, solid: Box, boxes: Sequence[Box]) -> Layer:
     """Choose how the outline of something is drawn: hidden where one of several boxes covers it."""
     direction = view.direction
-    nearest = _find_near_side(solid, direction)
+    nearest = _compute_nearness_to_eye(solid, direction)
     for box in boxes:
-        is_nearer = _find_near_side(box, direction) > nearest + _SAME
+        is_nearer = _compute_nearness_to_eye(box, direction) > nearest + _SAME
         if is_nearer and _covers_in_view(box, solid, direction):
             return Layer.HIDDEN
     return Layer.OUTLINE
 
 
-def _find_near_side(box: Box, direction: _Direction) -> float:
+def _compute_nearness_to_eye(box: Box, direction: _Direction) -> float:
     """Find how near to the eye a box reaches [m], from the origin."""
     if direction.side > 0.0:
         return box.high[direction.out]
@@ -254,7 +258,7 @@ def _covers_in_view(box: Box, solid: Box, direction: _Direction) -> bool:
 
 def _draw_box(paper: Paper, view: _PlacedView, box: Box, layer: Layer) -> None:
     """Draw the rectangle that a view shows of a box."""
-    outline = _trace_box(view, box)
+    outline = _project_box_on_paper(view, box)
     paper.draw_rectangle(outline.low, outline.high, layer)
 
 
@@ -262,12 +266,12 @@ def _draw_cylinder(paper: Paper, view: _PlacedView, cylinder: Cylinder, layer: L
     """Draw a cylinder as a circle where the view looks along it, else as a rectangle."""
     direction = view.direction
     if cylinder.axis_index != direction.out:
-        _draw_box(paper, view, cylinder.inner_box, layer)
+        _draw_box(paper, view, cylinder.inward_box, layer)
         return
     if cylinder.inward is not None:
         paper.draw_polyline(_list_half_circle(view, cylinder), layer)
         return
-    circle = _trace_circle(view, cylinder)
+    circle = _project_circle_on_paper(view, cylinder)
     paper.draw_circle(circle.centre, circle.radius, layer)
 
 
@@ -289,35 +293,37 @@ def _list_half_circle(view: _PlacedView, cylinder: Cylinder) -> list[Point]:
 def _label_cylinders(sheet: Sheet, view: _PlacedView, component: Component) -> None:
     """Write the number of each rod and bore where the view looks along it, on no line."""
     lines = _collect_drawn_lines(view, component)
-    for text, cylinder in _yield_labelled(component):
+    for text, cylinder in _yield_labelled_cylinders(component):
         if cylinder.axis_index != view.direction.out:
             continue
         width = compute_text_width(text, _LABEL_HEIGHT)
-        place = lines.place_beside(_trace_circle(view, cylinder), width, _LABEL_HEIGHT)
+        place = lines.place_text_beside_circle(
+            _project_circle_on_paper(view, cylinder), width, _LABEL_HEIGHT
+        )
         sheet.write_text(place, text, _LABEL_HEIGHT, Alignment.MIDDLE_CENTER)
 
 
 def _collect_drawn_lines(view: _PlacedView, component: Component) -> DrawnLines:
     """Collect what a view shows of a component, which labels must not strike."""
-    outline = _trace_box(view, view.extent)
+    outline = _project_box_on_paper(view, view.extent)
     low_x, low_y = outline.low
     high_x, high_y = outline.high
     margin = _LABEL_MARGIN
     area = Rectangle((low_x - 1.0, low_y - 1.0), (high_x + margin, high_y + margin))
     left, lower = _find_caption_place(view)
-    width = compute_text_width(_format_caption(view), _CAPTION_HEIGHT)
+    width = compute_text_width(_format_view_caption(view), _CAPTION_HEIGHT)
     caption = Rectangle((left, lower), (left + width, lower + _CAPTION_HEIGHT))
     lines = DrawnLines(area, texts=[caption])
-    lines.outlines = [_trace_box(view, box) for box in component.boxes]
+    lines.outlines = [_project_box_on_paper(view, box) for box in component.boxes]
     for cylinder in (*component.rods, *component.bores):
         if cylinder.axis_index == view.direction.out:
-            lines.circles.append(_trace_circle(view, cylinder))
+            lines.circles.append(_project_circle_on_paper(view, cylinder))
         else:
-            lines.outlines.append(_trace_box(view, cylinder.inner_box))
+            lines.outlines.append(_project_box_on_paper(view, cylinder.inward_box))
     return lines
 
 
-def _trace_box(view: _PlacedView, box: Box) -> Rectangle:
+def _project_box_on_paper(view: _PlacedView, box: Box) -> Rectangle:
     """Return the outline of a box on the paper."""
     direction = view.direction
     first = view.map_to_paper(box.low[direction.across], box.low[direction.up])
@@ -326,14 +332,14 @@ def _trace_box(view: _PlacedView, box: Box) -> Rectangle:
     return Rectangle((min(first_x, second_x), lower), (max(first_x, second_x), upper))
 
 
-def _trace_circle(view: _PlacedView, cylinder: Cylinder) -> Circle:
+def _project_circle_on_paper(view: _PlacedView, cylinder: Cylinder) -> Circle:
     """Return the circle of a cylinder that a view looks along."""
     direction = view.direction
     centre = view.map_to_paper(cylinder.start[direction.across], cylinder.start[direction.up])
     return Circle(centre, view.scale_length(0.5 * cylinder.diameter))
 
 
-def _yield_labelled(component: Component) -> Iterator[tuple[str, Cylinder]]:
+def _yield_labelled_cylinders(component: Component) -> Iterator[tuple[str, Cylinder]]:
     """Yield rods and bores with what stands at them."""
     for number, rod in enumerate(component.rods, start=1):
         yield f"R{number}", rod
@@ -341,20 +347,20 @@ def _yield_labelled(component: Component) -> Iterator[tuple[str, Cylinder]]:
         yield f"B{number}", bore
 
 
-def _write_caption(paper: Paper, view: _PlacedView) -> None:
+def _write_view_caption(paper: Paper, view: _PlacedView) -> None:
     """Write name and scale of a view over it."""
-    paper.write_text(_find_caption_place(view), _format_caption(view), _CAPTION_HEIGHT)
+    paper.write_text(_find_caption_place(view), _format_view_caption(view), _CAPTION_HEIGHT)
 
 
 def _find_caption_place(view: _PlacedView) -> Point:
     """Find where the caption of a view begins."""
-    outline = _trace_box(view, view.extent)
+    outline = _project_box_on_paper(view, view.extent)
     left, _ = outline.low
     _, upper = outline.high
     return left, upper + _CAPTION_OFFSET
 
 
-def _format_caption(view: _PlacedView) -> str:
+def _format_view_caption(view: _PlacedView) -> str:
     """Format the caption of a view: its name and scale."""
     return f"{view.direction.name} {format_scale(view.scale)}"
 

@@ -111,7 +111,7 @@ def write_masks(path: Path, blocks: Sequence[StepBlock]) -> list[Path]:
     library = gdstk.Library("STEPBLOCKS", unit=1e-6, precision=1e-9)
     cell = library.new_cell("MASKS")
     etches = plan_etches([block.height.nominal for block in blocks])
-    places = _place_blocks(blocks)
+    places = _lay_out_block_middles(blocks)
     named: set[int] = set()
     rows = []
     faults: list[str] = []
@@ -119,17 +119,17 @@ def write_masks(path: Path, blocks: Sequence[StepBlock]) -> list[Path]:
         name = f"ETCH{layer} {etch.depth * 1e6:g}UM"
         openings = []
         for index in etch.indices:
-            opening = _outline_opening(blocks[index], is_named=index not in named)
+            opening = _outline_etched_opening(blocks[index], is_named=index not in named)
             openings.append(shapely.affinity.translate(opening, *places[index]))
         named.update(etch.indices)
-        marks = _outline_marks(layer, len(etches), name)
+        marks = _outline_etch_marks(layer, len(etches), name)
         shapes = shapely.set_precision(shapely.unary_union([*openings, *marks]), GRID)
         for polygon in getattr(shapes, "geoms", [shapes]):
-            cell.add(*_convert_polygon(polygon, layer))
+            cell.add(*_convert_to_gdsii_polygons(polygon, layer))
         cell.add(gdstk.Label(name, (-2000.0, -_LAYER_PITCH * layer), layer=layer))
         for index in etch.indices:
             cell.add(gdstk.Label(blocks[index].id.upper(), places[index], layer=layer))
-        faults += [f"{name}: {fault}" for fault in find_rule_faults(shapes)]
+        faults += [f"{name}: {fault}" for fault in yield_layout_rule_faults(shapes)]
         made = " ".join(blocks[index].id for index in etch.indices)
         rows.append(
             {
@@ -157,7 +157,7 @@ def load_gdstk() -> Any:
     return gdstk
 
 
-def _place_blocks(blocks: Sequence[StepBlock]) -> list[Place]:
+def _lay_out_block_middles(blocks: Sequence[StepBlock]) -> list[Place]:
     """Place the middles of blocks in rows of a nearly square field."""
     width = max(1e6 * block.body.length.nominal for block in blocks) + STREET
     height = max(1e6 * block.body.width.nominal for block in blocks) + STREET
@@ -169,7 +169,7 @@ def _place_blocks(blocks: Sequence[StepBlock]) -> list[Place]:
     return places
 
 
-def _convert_polygon(polygon: Shape, layer: int) -> "list[GdsiiPolygon]":
+def _convert_to_gdsii_polygons(polygon: Shape, layer: int) -> "list[GdsiiPolygon]":
     """Convert a polygon to polygons of GDSII, which have no holes."""
     gdstk = load_gdstk()
     outer = gdstk.Polygon(polygon.exterior.coords[:-1], layer)
@@ -180,7 +180,7 @@ def _convert_polygon(polygon: Shape, layer: int) -> "list[GdsiiPolygon]":
     return pieces
 
 
-def find_rule_faults(shapes: Shape) -> Iterator[str]:
+def yield_layout_rule_faults(shapes: Shape) -> Iterator[str]:
     """Find openings, or gaps between them, that are narrower than the least width.
 
     They vanish when the shape is shrunk and grown again, or grown and shrunk.
@@ -188,8 +188,8 @@ def find_rule_faults(shapes: Shape) -> Iterator[str]:
     half = 0.5 * LEAST_WIDTH - GRID
     opened = _offset_shapes(_offset_shapes(shapes, -half), half)
     closed = _offset_shapes(_offset_shapes(shapes, half), -half)
-    yield from _describe_narrow_places("open", shapely.difference(shapes, opened))
-    yield from _describe_narrow_places("kept", shapely.difference(closed, shapes))
+    yield from _yield_narrow_place_faults("open", shapely.difference(shapes, opened))
+    yield from _yield_narrow_place_faults("kept", shapely.difference(closed, shapes))
 
 
 def _offset_shapes(shapes: Shape, distance: float) -> Shape:
@@ -197,18 +197,18 @@ def _offset_shapes(shapes: Shape, distance: float) -> Shape:
     return shapely.buffer(shapes, distance, join_style="mitre", mitre_limit=50.0)
 
 
-def _describe_narrow_places(name: str, lost: Shape) -> Iterator[str]:
+def _yield_narrow_place_faults(area_name: str, lost_shapes: Shape) -> Iterator[str]:
     """Describe each place that is too narrow."""
-    for part in getattr(lost, "geoms", [lost]):
+    for part in getattr(lost_shapes, "geoms", [lost_shapes]):
         if part.area > _LEAST_LOST_AREA:
             x, y = part.centroid.coords[0]
             yield (
-                f"what is {name} must be at least {LEAST_WIDTH:g} um wide, got less at "
+                f"what is {area_name} must be at least {LEAST_WIDTH:g} um wide, got less at "
                 f"({x:.1f}, {y:.1f}) um"
             )
 
 
-def _outline_opening(block: StepBlock, *, is_named: bool) -> Shape:
+def _outline_etched_opening(block: StepBlock, *, is_named: bool) -> Shape:
     """Outline what is etched of a block about its middle: the lower side and the groove.
 
     The street round the block is opened, too; a ridge stays. The name stands in the corner of the
@@ -249,31 +249,31 @@ def _outline_letters(text: str, height: float, middle: Place) -> Shape:
     return shapely.affinity.translate(shapely.unary_union(letters), *middle)
 
 
-def _outline_marks(layer: int, layers: int, name: str) -> Iterator[Shape]:
+def _outline_etch_marks(layer: int, layer_count: int, etch_name: str) -> Iterator[Shape]:
     """Outline monitors and name of one etch, and the marks that align later etches to the first."""
     y = -_LAYER_PITCH * layer
-    yield _outline_letters(name, _LABEL_HEIGHT, (-2000.0, y + 1000.0))
+    yield _outline_letters(etch_name, _LABEL_HEIGHT, (-2000.0, y + 1000.0))
     for index, width in enumerate(MONITORS):
         x = _MONITOR_PITCH * index
         yield shapely.box(x, y, x + width, y + _MONITOR_LENGTH)
     if layer > 1:
-        yield from _outline_squares(layer)
+        yield from _outline_alignment_squares(layer)
         return
-    for later in range(2, layers + 1):
-        yield from _outline_cross(later)
+    for later in range(2, layer_count + 1):
+        yield from _outline_alignment_cross(later)
 
 
-def _outline_cross(later: int) -> Iterator[Shape]:
+def _outline_alignment_cross(later_layer: int) -> Iterator[Shape]:
     """Outline the cross of the first etch to which a later one is aligned."""
-    x = _MARKS_START + _MARK_PITCH * later
+    x = _MARKS_START + _MARK_PITCH * later_layer
     y = _MARKS_HEIGHT
     for half_x, half_y in ((_HALF_ARM_WIDTH, _ARM), (_ARM, _HALF_ARM_WIDTH)):
         yield shapely.box(x - half_x, y - half_y, x + half_x, y + half_y)
 
 
-def _outline_squares(layer: int) -> Iterator[Shape]:
+def _outline_alignment_squares(later_layer: int) -> Iterator[Shape]:
     """Outline the four squares of a later etch between the arms of its cross."""
-    x = _MARKS_START + _MARK_PITCH * layer
+    x = _MARKS_START + _MARK_PITCH * later_layer
     for shift_x in _SQUARE_STARTS:
         for shift_y in _SQUARE_STARTS:
             left = x + shift_x

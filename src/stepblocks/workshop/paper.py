@@ -72,10 +72,10 @@ _DIMENSION_STYLE = {
 }
 
 
-def choose_scale(largest: float) -> float:
-    """Choose the largest scale of ISO 5455 (1, 2 or 5 times a power of ten) up to `largest`."""
-    decade = 10.0 ** math.floor(math.log10(largest))
-    limit = largest * (1.0 + 1e-9)  # a scale that fits exactly is not lost by rounding
+def choose_standard_scale(largest_scale: float) -> float:
+    """Choose the largest scale of ISO 5455 (1, 2 or 5 times a power of ten) up to a limit."""
+    decade = 10.0 ** math.floor(math.log10(largest_scale))
+    limit = largest_scale * (1.0 + 1e-9)  # a scale that fits exactly is not lost by rounding
     chosen = decade
     for step in (2.0, 5.0):
         if step * decade <= limit:
@@ -188,17 +188,17 @@ class Paper:
         ]
         self.draw_polyline(zigzag, Layer.DIMENSION)
 
-    def draw_arrow(self, tip: Point, tail: Point) -> None:
+    def draw_arrow_head(self, tip: Point, tail: Point) -> None:
         """Draw a filled arrow head at `tip`, coming from `tail`."""
         direction = math.atan2(tip[1] - tail[1], tip[0] - tail[0])
-        left = _find_barb(tip, direction - ARROW_HALF_ANGLE)
-        right = _find_barb(tip, direction + ARROW_HALF_ANGLE)
+        left = _compute_barb_end(tip, direction - ARROW_HALF_ANGLE)
+        right = _compute_barb_end(tip, direction + ARROW_HALF_ANGLE)
         self.space.add_solid([tip, left, right, right], dxfattribs={"layer": Layer.DIMENSION.value})
 
     def draw_pointer(self, *points: Point) -> None:
         """Draw a line through points, with an arrow head at the last."""
         self.draw_polyline(points, Layer.DIMENSION)
-        self.draw_arrow(points[-1], points[-2])
+        self.draw_arrow_head(points[-1], points[-2])
 
     def write_text(
         self,
@@ -229,7 +229,7 @@ class Paper:
                 left += width
 
 
-def _find_barb(tip: Point, direction: float) -> Point:
+def _compute_barb_end(tip: Point, direction: float) -> Point:
     """Return the end of an arrow head's side that comes in a direction [rad]."""
     x = tip[0] - ARROW_LENGTH * math.cos(direction)
     y = tip[1] - ARROW_LENGTH * math.sin(direction)

@@ -27,8 +27,8 @@ _HATCH_SEED = 0  # of the small random shifts with which ezdxf draws hatch lines
 _PINNED = {"svg.hashsalt": "stepblocks", "svg.fonttype": "none", "pdf.fonttype": 42}
 
 
-def write_sheet(
-    folder: Path, name: str, formats: Sequence[str], draw: Callable[[], Paper]
+def write_sheet_files(
+    folder: Path, stem: str, formats: Sequence[str], draw_paper: Callable[[], Paper]
 ) -> list[Path]:
     """Draw a sheet and write it in each format.
 
@@ -36,11 +36,11 @@ def write_sheet(
     ----------
     folder : Path
         Where the files go.
-    name : str
+    stem : str
         Of the files, without the suffix of the format.
     formats : sequence of str
         Of ``"dxf"``, ``"svg"`` and ``"pdf"``.
-    draw : callable
+    draw_paper : callable
         Draws the sheet; it is called where ezdxf writes neither times nor random identifiers.
 
     Returns
@@ -48,16 +48,16 @@ def write_sheet(
     list of Path
         A file of each format.
     """
-    paths = [folder / f"{name}.{suffix}" for suffix in formats]
-    with _pin_ezdxf(), mpl.rc_context(_PINNED):
-        paper = draw()
-        draw_once = cache(partial(_draw_figure, paper))
+    paths = [folder / f"{stem}.{suffix}" for suffix in formats]
+    with _make_ezdxf_deterministic(), mpl.rc_context(_PINNED):
+        paper = draw_paper()
+        draw_once = cache(partial(_render_as_figure, paper))
         for path in paths:
             with write_atomically(path) as draft:
                 if path.suffix == ".dxf":
                     _save_dxf(paper, draft)
                 else:
-                    _save_picture(draw_once(), draft)
+                    _save_svg_or_pdf(draw_once(), draft)
     return paths
 
 
@@ -69,7 +69,7 @@ def _save_dxf(paper: Paper, path: Path) -> None:
 
 
 @contextmanager
-def _pin_ezdxf() -> Iterator[None]:
+def _make_ezdxf_deterministic() -> Iterator[None]:
     """Let ezdxf write no time and no random identifier, and use matplotlib's fonts only.
 
     Random numbers of the caller go on afterwards where they were.
@@ -109,7 +109,7 @@ def _find_font_folder() -> Path:
     return Path(mpl.get_data_path()) / "fonts" / "ttf"
 
 
-def _draw_figure(paper: Paper) -> "Figure":
+def _render_as_figure(paper: Paper) -> "Figure":
     """Draw with matplotlib what the DXF holds."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -125,7 +125,7 @@ def _draw_figure(paper: Paper) -> "Figure":
     return figure
 
 
-def _save_picture(figure: "Figure", path: Path) -> None:
+def _save_svg_or_pdf(figure: "Figure", path: Path) -> None:
     """Save a figure as SVG or PDF by the suffix of a path, without the time."""
     dates: tuple[str, ...] = ("CreationDate", "ModDate")
     if path.suffix == ".svg":

@@ -15,7 +15,7 @@ from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.uncertainty import Interval, convert_half_widths, estimate_interval
 from stepblocks.errors import MachiningError
 from stepblocks.parts.declared import Sourced, Table, make_sourced_validator
-from stepblocks.parts.gauge_pair import GaugePair, find_pair
+from stepblocks.parts.gauge_pair import GaugePair, find_gauge_pair
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.material import Family
 from stepblocks.parts.second_step import SECOND
@@ -108,7 +108,7 @@ def load_processes() -> tuple[Process, ...]:
     return tuple(Process.model_validate(table) for table in tables)
 
 
-def find_routes(block: StepBlock, capability: float, point: OperatingPoint) -> list[Route]:
+def list_routes(block: StepBlock, capability: float, point: OperatingPoint) -> list[Route]:
     """List the routes of a block, cheapest class first where one is known.
 
     Parameters
@@ -134,26 +134,28 @@ def find_routes(block: StepBlock, capability: float, point: OperatingPoint) -> l
         raise MachiningError(f"capability must be positive, got {capability:g} m")
     routes = []
     for process in load_processes():
-        for variant in _yield_variants(block, process, capability):
+        for variant in _yield_process_variants(block, process, capability):
             routes.append(_make_route(block, variant, point))
-    return sorted(routes, key=_rank_cost)
+    return sorted(routes, key=_get_cost_class)
 
 
-def _rank_cost(route: Route) -> float:
+def _get_cost_class(route: Route) -> float:
     """Return the cost class of a route; infinite where none is known."""
     if route.process.cost is None:
         return math.inf
     return route.process.cost.value
 
 
-def _yield_variants(block: StepBlock, process: Process, capability: float) -> Iterator[_Variant]:
+def _yield_process_variants(
+    block: StepBlock, process: Process, capability: float
+) -> Iterator[_Variant]:
     """Yield the ways to use a process for a block; gauge blocks come in grades."""
     height = block.height.nominal
     if process.name == ONE_PIECE:
         yield _Variant(process, process.name, capability, process.note)
     elif process.name == GAUGE_BLOCKS:
         for grade in _GRADES:
-            pair = find_pair(height, grade)
+            pair = find_gauge_pair(height, grade)
             if pair is not None:
                 name = f"{process.name}, grade {grade}"
                 yield _Variant(process, name, pair.worst, _describe_wringing(pair))
@@ -177,7 +179,7 @@ def _make_route(block: StepBlock, variant: _Variant, point: OperatingPoint) -> R
     """Predict what a route leaves, how it is felt and how many blocks conform."""
     process = variant.process
     height = block.height
-    std = _convert_deviations(process, variant.deviation)
+    std = _convert_to_standard_deviations(process, variant.deviation)
     roughness = math.sqrt(_TOUCHED_FACES) * _RMS_OVER_MEAN * process.roughness.value
     felt_std = {
         "height": math.hypot(std["height"], std["burr"], roughness),
@@ -193,30 +195,30 @@ def _make_route(block: StepBlock, variant: _Variant, point: OperatingPoint) -> R
         note=variant.note,
         felt=estimate_interval(step, point, felt_std),
         conforming=_compute_conforming_share(block, variant),
-        missed=tuple(_yield_missed(block, variant)),
+        missed=tuple(_yield_missed_demands(block, variant)),
         unknown=tuple(_yield_demands_without_figures(block)),
     )
 
 
-def _yield_missed(block: StepBlock, variant: _Variant) -> Iterator[str]:
+def _yield_missed_demands(block: StepBlock, variant: _Variant) -> Iterator[str]:
     """Yield what the largest deviations of a route put outside its limits, the material first."""
     process = variant.process
     family = block.material.family
     if family is not None and family not in process.materials:
         yield "material"
     if process.name == GAUGE_BLOCKS:
-        yield from _yield_missed_by_gauge_blocks(block)
-    yield from _yield_missed_at_edge(block, process, variant.deviation)
+        yield from _yield_features_missed_by_gauge_blocks(block)
+    yield from _yield_missed_edge_demands(block, process, variant.deviation)
     if process.roughness.value > block.face_demands["roughness"].upper + _EXACT:
         yield "roughness"
-    second = _find_second_edge(block)
+    second = _get_second_edge_block(block)
     if second is not None and process.name != GAUGE_BLOCKS:
-        deviation = _find_deviation(process, second.height.nominal, variant)
-        for missed in _yield_missed_at_edge(second, process, deviation):
+        deviation = _find_height_deviation(process, second.height.nominal, variant)
+        for missed in _yield_missed_edge_demands(second, process, deviation):
             yield f"second {missed}"
 
 
-def _yield_missed_by_gauge_blocks(block: StepBlock) -> Iterator[str]:
+def _yield_features_missed_by_gauge_blocks(block: StepBlock) -> Iterator[str]:
     """Yield the features that two gauge blocks have not."""
     if block.metrology is not None:
         yield block.metrology.kind
@@ -226,7 +228,9 @@ def _yield_missed_by_gauge_blocks(block: StepBlock) -> Iterator[str]:
         yield "second step"
 
 
-def _yield_missed_at_edge(block: StepBlock, process: Process, deviation: float) -> Iterator[str]:
+def _yield_missed_edge_demands(
+    block: StepBlock, process: Process, deviation: float
+) -> Iterator[str]:
     """Yield what a process misses of height, edge radius and burr of an edge."""
     if deviation > min(block.height.upper, -block.height.lower) + _EXACT:
         yield "height"
@@ -240,7 +244,7 @@ def _yield_missed_at_edge(block: StepBlock, process: Process, deviation: float) 
         yield "burr"
 
 
-def _find_second_edge(block: StepBlock) -> StepBlock | None:
+def _get_second_edge_block(block: StepBlock) -> StepBlock | None:
     """Return the block that stands for the second edge of a block; None of one without."""
     if block.second_step is None:
         return None
@@ -248,7 +252,7 @@ def _find_second_edge(block: StepBlock) -> StepBlock | None:
     return second
 
 
-def _find_deviation(process: Process, height: float, variant: _Variant) -> float:
+def _find_height_deviation(process: Process, height: float, variant: _Variant) -> float:
     """Find the largest deviation of a height [m] by a process, as a variant of it is used."""
     if process.name in (ONE_PIECE, GAUGE_BLOCKS):
         return variant.deviation
@@ -269,34 +273,34 @@ def _compute_conforming_share(block: StepBlock, variant: _Variant) -> float:
 
     Of a block with two steps those of both edges count; gauge blocks leave no second one.
     """
-    share = _compute_share_at_edge(block, variant.process, variant.deviation)
-    second = _find_second_edge(block)
+    share = _compute_conforming_edge_share(block, variant.process, variant.deviation)
+    second = _get_second_edge_block(block)
     if second is None:
         return share
     if variant.process.name == GAUGE_BLOCKS:
         return 0.0
-    deviation = _find_deviation(variant.process, second.height.nominal, variant)
-    return share * _compute_share_at_edge(second, variant.process, deviation)
+    deviation = _find_height_deviation(variant.process, second.height.nominal, variant)
+    return share * _compute_conforming_edge_share(second, variant.process, deviation)
 
 
-def _compute_share_at_edge(block: StepBlock, process: Process, deviation: float) -> float:
+def _compute_conforming_edge_share(block: StepBlock, process: Process, deviation: float) -> float:
     """Compute the share of the edges within limits of a process that may be off by a deviation."""
-    std = _convert_deviations(process, deviation)
+    std = _convert_to_standard_deviations(process, deviation)
     height = block.height
-    share = _compute_share(0.0, std["height"], height.lower, height.upper)
+    share = _compute_normal_share_between(0.0, std["height"], height.lower, height.upper)
     least_radius, largest_radius = block.edge_radius.limits
     if least_radius <= 0.0:
         least_radius = -math.inf
-    share *= _compute_share(
+    share *= _compute_normal_share_between(
         process.edge_radius.value, std["edge_radius"], least_radius, largest_radius
     )
-    share *= _compute_share(
+    share *= _compute_normal_share_between(
         process.burr.value, std["burr"], -math.inf, block.face_demands["burr"].upper
     )
     return share
 
 
-def _convert_deviations(process: Process, deviation: float) -> dict[str, float]:
+def _convert_to_standard_deviations(process: Process, deviation: float) -> dict[str, float]:
     """Convert the deviations of a process to standard deviations of height, radius and burr [m]."""
     return convert_half_widths(
         {
@@ -307,7 +311,7 @@ def _convert_deviations(process: Process, deviation: float) -> dict[str, float]:
     )
 
 
-def _compute_share(mean: float, std: float, low: float, high: float) -> float:
+def _compute_normal_share_between(mean: float, std: float, low: float, high: float) -> float:
     """Compute the share of a normal law between two limits; certain values are in or out."""
     if std == 0.0:
         return float(low <= mean <= high)
@@ -315,30 +319,30 @@ def _compute_share(mean: float, std: float, low: float, high: float) -> float:
     return law.cdf(high) - law.cdf(low)
 
 
-def make_route_row(name: str, route: Route) -> dict[str, object]:
-    """Put a route of the part `name` into the columns of ``routes.csv``."""
+def make_route_row(part_name: str, route: Route) -> dict[str, object]:
+    """Put a route of the part `part_name` into the columns of ``routes.csv``."""
     process = route.process
     cost_class = ""
     if process.cost is not None:
         cost_class = f"{process.cost.value:g}"
     return {
-        "part": name,
+        "part": part_name,
         "route": route.name,
         "cost_class": cost_class,
         "height_deviation_um": route.deviation * 1e6,
         "permitted_um": route.tolerance * 1e6,
-        **_list_process_columns(process),
-        **_list_felt_columns(route),
+        **_make_process_columns(process),
+        **_make_felt_columns(route),
         "conforming_share": route.conforming,
         "reaches": route.reach.value,
         "missed": "; ".join(route.missed),
         "not_known": "; ".join(route.unknown),
         "note": route.note,
-        "sources": "; ".join(_list_sources(process)),
+        "sources": "; ".join(_list_figure_sources(process)),
     }
 
 
-def _list_process_columns(process: Process) -> dict[str, object]:
+def _make_process_columns(process: Process) -> dict[str, object]:
     """List what a process leaves on an edge, by the columns of ``routes.csv``."""
     return {
         "edge_radius_um": process.edge_radius.value * 1e6,
@@ -349,7 +353,7 @@ def _list_process_columns(process: Process) -> dict[str, object]:
     }
 
 
-def _list_felt_columns(route: Route) -> dict[str, object]:
+def _make_felt_columns(route: Route) -> dict[str, object]:
     """List what is felt of the parts of a route, by the columns of ``routes.csv``."""
     felt = route.felt
     return {
@@ -361,7 +365,7 @@ def _list_felt_columns(route: Route) -> dict[str, object]:
     }
 
 
-def _list_sources(process: Process) -> list[str]:
+def _list_figure_sources(process: Process) -> list[str]:
     """List the figures of a process with the source of each."""
     sources = []
     for name, value in process:

@@ -17,7 +17,7 @@ from stepblocks.files.tables import write_table
 from stepblocks.parts.apparatus.declared import Apparatus
 from stepblocks.parts.body import Block
 from stepblocks.parts.conditions import OrderSpec
-from stepblocks.parts.gauge_pair import GaugePair, choose_pair
+from stepblocks.parts.gauge_pair import GaugePair, require_gauge_pair
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.crown_on_tooth import CrownOnTooth
 from stepblocks.parts.kinds.kit_part import KitPart
@@ -25,7 +25,7 @@ from stepblocks.parts.kinds.sheath import Sheath
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.kinds.tips import Tip
 from stepblocks.parts.material import MATERIALS
-from stepblocks.parts.on_paper import make_sheet_table
+from stepblocks.parts.on_paper import make_inspection_sheet_table
 from stepblocks.parts.tolerance import GUARD_FACTOR
 from stepblocks.quantities import parse_quantity
 from stepblocks.records.qif import write_qif
@@ -36,11 +36,11 @@ from stepblocks.workshop.drawing import (
     write_series_drawing,
 )
 from stepblocks.workshop.gauge_reach import explain_missing_gauge_drawing, find_gauge_route
-from stepblocks.workshop.kit import find_kits, write_kit_assembly_files
-from stepblocks.workshop.kit_setup import write_kit_setup
+from stepblocks.workshop.kit import find_complete_kits, write_kit_assembly_files
+from stepblocks.workshop.kit_setup import write_kit_setup_sheet_and_stock
 from stepblocks.workshop.masks import SILICON, load_gdstk, write_masks
-from stepblocks.workshop.routes import GAUGE_BLOCKS, Route, find_routes, make_route_row
-from stepblocks.workshop.setup import write_setup
+from stepblocks.workshop.routes import GAUGE_BLOCKS, Route, list_routes, make_route_row
+from stepblocks.workshop.setup import write_setup_sheet_and_stock
 
 _SHOWN_COLUMNS = (
     "part",
@@ -140,29 +140,29 @@ def order_parts(
     selected = select_stimuli(sets, only)
     if masks:
         load_gdstk()  # before any part is drawn
-        _require_etched([part for _, part in selected])
+        _require_etched_blocks([part for _, part in selected])
     with lock_folder(output):
         for stimuli, part in selected:
-            order = _order_part(part, output, deviation, stimuli)
+            order = _write_part_order(part, output, deviation, stimuli)
             orders.append(order)
             if announce is not None:
                 announce(order)
         for stimuli in sets:
             parts = [part for owner, part in selected if owner is stimuli]
-            series = _find_series(parts)
+            series = _find_series_blocks(parts)
             if len(series) > 1:
-                orders.append(_order_series(series, output, stimuli))
-            for kit in find_kits(parts):
-                orders.append(_order_kit(kit, output, stimuli))
+                orders.append(_write_series_of_set(series, output, stimuli))
+            for kit in find_complete_kits(parts):
+                orders.append(_write_kit_of_set(kit, output, stimuli))
             if only is None:  # a part of a set is no order of it
-                orders.append(_order_bundle(parts, output, stimuli))
-            etched = _find_etched(parts)
+                orders.append(_write_bundle_of_set(parts, output, stimuli))
+            etched = _find_etched_blocks(parts)
             if masks and etched:
-                orders.append(_order_masks(etched, output, stimuli))
+                orders.append(_write_masks_of_set(etched, output, stimuli))
     return orders
 
 
-def _find_etched(parts: Sequence[Part]) -> list[StepBlock]:
+def _find_etched_blocks(parts: Sequence[Part]) -> list[StepBlock]:
     """Find the step blocks that are etched: those of silicon with a single step."""
     etched = []
     for part in parts:
@@ -172,9 +172,9 @@ def _find_etched(parts: Sequence[Part]) -> list[StepBlock]:
     return etched
 
 
-def _require_etched(parts: Sequence[Part]) -> None:
+def _require_etched_blocks(parts: Sequence[Part]) -> None:
     """Refuse masks where nothing is etched."""
-    if not _find_etched(parts):
+    if not _find_etched_blocks(parts):
         names = sorted({part.material.name for part in parts})
         raise PipelineError(
             f'masks need a step block of material = "{SILICON}" with a single step, got parts of '
@@ -182,9 +182,11 @@ def _require_etched(parts: Sequence[Part]) -> None:
         )
 
 
-def _order_masks(blocks: Sequence[StepBlock], output: Path, stimuli: StimulusSet) -> PartOrder:
+def _write_masks_of_set(
+    blocks: Sequence[StepBlock], output: Path, stimuli: StimulusSet
+) -> PartOrder:
     """Write the masks of the silicon blocks of a set."""
-    folder = _make_folder(output, stimuli.name)
+    folder = _make_folder_inside(output, stimuli.name)
     written = write_masks(folder / f"{stimuli.name}.masks.gds", blocks)
     return PartOrder(f"{stimuli.name}/masks", tuple(written), (), is_of_set=True)
 
@@ -198,7 +200,7 @@ def _read_capability(capability: str | float | None) -> float:
     return capability
 
 
-def _find_series(parts: Sequence[Part]) -> list[StepBlock]:
+def _find_series_blocks(parts: Sequence[Part]) -> list[StepBlock]:
     """Find the blocks of a single step that differ from the first one in their heights only."""
     blocks = []
     for part in parts:
@@ -213,30 +215,32 @@ def _find_series(parts: Sequence[Part]) -> list[StepBlock]:
     return series
 
 
-def _order_series(series: Sequence[StepBlock], output: Path, stimuli: StimulusSet) -> PartOrder:
+def _write_series_of_set(
+    series: Sequence[StepBlock], output: Path, stimuli: StimulusSet
+) -> PartOrder:
     """Write the drawing of a series."""
-    folder = _make_folder(output, stimuli.name)
+    folder = _make_folder_inside(output, stimuli.name)
     drawings = write_series_drawing(folder, stimuli.name, series, stimuli.order)
     return PartOrder(f"{stimuli.name}/series", tuple(drawings), (), is_of_set=True)
 
 
-def _order_bundle(parts: Sequence[Part], output: Path, stimuli: StimulusSet) -> PartOrder:
+def _write_bundle_of_set(parts: Sequence[Part], output: Path, stimuli: StimulusSet) -> PartOrder:
     """Write the parts list of a set, and the archive of its papers."""
-    folder = _make_folder(output, stimuli.name)
+    folder = _make_folder_inside(output, stimuli.name)
     alike = stimuli.describe_alike()
     ordered = [OrderedPart(part, folder / part.id, alike.get(part.id, "")) for part in parts]
     written = write_bundle(folder, stimuli, ordered)
     return PartOrder(f"{stimuli.name}/quotation", tuple(written), (), is_of_set=True)
 
 
-def _order_kit(kit: Apparatus, output: Path, stimuli: StimulusSet) -> PartOrder:
+def _write_kit_of_set(kit: Apparatus, output: Path, stimuli: StimulusSet) -> PartOrder:
     """Write what a kit has beside its parts: assembly, lists, loads and pictures."""
-    folder = _make_folder(output, stimuli.name)
+    folder = _make_folder_inside(output, stimuli.name)
     written = write_kit_assembly_files(folder, kit, stimuli.order)
     return PartOrder(f"{stimuli.name}/{kit.id}", tuple(written), (), is_of_set=True)
 
 
-def _make_folder(output: Path, name: str) -> Path:
+def _make_folder_inside(output: Path, name: str) -> Path:
     """Make a folder inside the output folder; raise a PipelineError if a link leads out of it."""
     folder = resolve_inside(output, name)
     if folder is None:
@@ -247,10 +251,12 @@ def _make_folder(output: Path, name: str) -> Path:
     return folder
 
 
-def _order_part(part: Part, output: Path, capability: float, stimuli: StimulusSet) -> PartOrder:
+def _write_part_order(
+    part: Part, output: Path, capability: float, stimuli: StimulusSet
+) -> PartOrder:
     """Write all files of one part; `capability` is what the workshop holds in one piece [m]."""
     name = f"{stimuli.name}/{part.id}"
-    folder = _make_folder(output, name)
+    folder = _make_folder_inside(output, name)
     written = write_drawing(folder, part, order=stimuli.order)
     plan = folder / f"{part.id}.plan.qif"
     write_qif(plan, part, stimuli.order)
@@ -259,12 +265,12 @@ def _order_part(part: Part, output: Path, capability: float, stimuli: StimulusSe
     pair: GaugePair | None = None
     missing_drawing = ""
     if isinstance(part, StepBlock):
-        routes = find_routes(part, capability, stimuli.prediction.make_first_point())
+        routes = list_routes(part, capability, stimuli.prediction.make_first_operating_point())
         written.append(_write_routes(folder, part, name, routes))
         # two blocks of the set differ by this height
         has_pair = any(route.process.name == GAUGE_BLOCKS for route in routes)
         if has_pair and part.second_step is None:
-            pair = choose_pair(part.height.nominal)
+            pair = require_gauge_pair(part.height.nominal)
             assembly = folder / f"{part.id}.gauge.step"
             write_gauge_assembly(assembly, part, pair)
             written.append(assembly)
@@ -273,9 +279,9 @@ def _order_part(part: Part, output: Path, capability: float, stimuli: StimulusSe
             route = find_gauge_route(routes, pair)
             written += write_gauge_drawing(folder, part, pair, route, stimuli.order)
     if isinstance(part, Block):
-        written += write_setup(folder, part, routes, pair)
+        written += write_setup_sheet_and_stock(folder, part, routes, pair)
     elif isinstance(part, KitPart):
-        written += write_kit_setup(folder, part)
+        written += write_kit_setup_sheet_and_stock(folder, part)
     written += _write_inspection_sheet(folder, part, stimuli.order)
     notes = [
         stimuli.describe_alike().get(part.id, ""),
@@ -310,7 +316,7 @@ def _write_routes(folder: Path, block: StepBlock, name: str, routes: Sequence[Ro
 
 def _write_inspection_sheet(folder: Path, part: Part, order: OrderSpec) -> list[Path]:
     """Write the inspection sheet as CSV and as HTML."""
-    table = make_sheet_table(part)
+    table = make_inspection_sheet_table(part)
     table_path = folder / f"{part.id}.inspection-sheet.csv"
     write_table(table, table_path)
     page_path = folder / f"{part.id}.inspection-sheet.html"

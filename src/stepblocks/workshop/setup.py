@@ -23,8 +23,8 @@ from stepblocks.parts.gauge_pair import (
 from stepblocks.parts.kind import Part
 from stepblocks.parts.kinds.margin import MarginBlock
 from stepblocks.parts.kinds.step_block import StepBlock
-from stepblocks.parts.on_paper import format_limits, format_millimetres, format_zone
-from stepblocks.parts.stock import build_stock, compute_stock
+from stepblocks.parts.on_paper import format_millimetres, format_size_with_deviations, format_zone
+from stepblocks.parts.stock import build_stock_solid, compute_stock_corners
 from stepblocks.parts.tolerance import GUARD_FACTOR
 from stepblocks.workshop.routes import Reach, Route
 from stepblocks.workshop.setup_limits import (
@@ -90,7 +90,7 @@ class _Letters(NamedTuple):
     middle: float  # their height over the base in the setup of the engraving [m]
 
 
-def write_setup(
+def write_setup_sheet_and_stock(
     folder: Path, block: Block, routes: Sequence[Route] = (), pair: GaugePair | None = None
 ) -> list[Path]:
     """Write setup sheet and stock of a block.
@@ -115,18 +115,18 @@ def write_setup(
     replace_text(page, _render_setup_sheet(block, routes, pair))
     stock = folder / f"{block.id}.stock.step"
     name = f"{block.id}-stock"
-    write_conforming(stock, name, [(name, build_stock(block))], block.material, [])
+    write_conforming(stock, name, [(name, build_stock_solid(block))], block.material, [])
     return [page, stock]
 
 
 def _render_setup_sheet(block: Block, routes: Sequence[Route], pair: GaugePair | None) -> str:
     """Render the setup sheet as HTML."""
-    stock_sizes = _measure_stock(block)
+    stock_sizes = _compute_stock_sizes(block)
     stock = [format_millimetres(size, 1) for size in stock_sizes]
     allowances = compute_allowances(block)
     left_dimensions = list_left_dimensions(block)
     unproven = [line.label for line in left_dimensions if line.acceptance_band is None]
-    letters = _find_letters(block, allowances)
+    letters = _describe_engraved_letters(block, allowances)
     letters_middle = format_millimetres(letters.middle, 3)
     lapped = find_lapping_removal(block).high
     last_edge = block.list_felt_edges()[-1]
@@ -145,16 +145,16 @@ def _render_setup_sheet(block: Block, routes: Sequence[Route], pair: GaugePair |
         "setup.html",
         block=block,
         stock=" x ".join(stock),
-        reached="; ".join(_list_reaching(routes)),
-        tight=_find_tight_axes(block, stock_sizes),
+        reached="; ".join(_list_reaching_route_names(routes)),
+        tight=_find_axes_of_tight_stock(block, stock_sizes),
         steps=_list_step_heights_um(block),
         second=second,
-        probed=_list_probed(block),
+        probed=_list_probing_lines(block),
         burr=_format_largest_burr(block),
         second_burr=_format_largest_burr(last_edge),
         cut=f"{GRINDING * 1e3:g} mm",
         allowances=allowances,
-        left_lines=_list_left_lines(left_dimensions),
+        left_lines=_format_left_dimensions(left_dimensions),
         unproven=unproven,
         countersink=_describe_countersink(block, allowances),
         letters_middle=letters_middle,
@@ -174,7 +174,7 @@ def _render_setup_sheet(block: Block, routes: Sequence[Route], pair: GaugePair |
     )
 
 
-def _find_letters(block: Block, allowances: Allowances) -> _Letters:
+def _describe_engraved_letters(block: Block, allowances: Allowances) -> _Letters:
     """Find the letters of an engraving and their place; no text where there is none."""
     middle = allowances.base + 0.5 * block.body.thickness.nominal
     engraving = block.body.engraving
@@ -198,13 +198,13 @@ def _list_step_heights_um(block: Block) -> list[float]:
     return heights
 
 
-def _measure_stock(block: Block) -> list[float]:
+def _compute_stock_sizes(block: Block) -> list[float]:
     """Return the sizes of the stock along x, y and z [m]."""
-    low, high = compute_stock(block)
+    low, high = compute_stock_corners(block)
     return [upper - lower for lower, upper in zip(low, high, strict=True)]
 
 
-def _list_reaching(routes: Sequence[Route]) -> list[str]:
+def _list_reaching_route_names(routes: Sequence[Route]) -> list[str]:
     """List the names of the routes that leave every characteristic as drawn, each once."""
     names: list[str] = []
     for route in routes:
@@ -213,10 +213,10 @@ def _list_reaching(routes: Sequence[Route]) -> list[str]:
     return names
 
 
-def _find_tight_axes(block: Block, stock_sizes: Sequence[float]) -> list[str]:
+def _find_axes_of_tight_stock(block: Block, stock_sizes: Sequence[float]) -> list[str]:
     """Find the axes along which the stock leaves less than two cuts."""
     tight = []
-    for axis, size, side in zip("xyz", stock_sizes, block.sides, strict=True):
+    for axis, size, side in zip("xyz", stock_sizes, block.overall_sizes, strict=True):
         if size - side < 2.0 * GRINDING:
             tight.append(axis)
     return tight
@@ -239,7 +239,7 @@ def _describe_countersink(block: Block, allowances: Allowances) -> str:
     return f"{format_millimetres(diameter, 2)} mm"
 
 
-def _list_left_lines(dimensions: Sequence[LeftDimension]) -> list[LeftLine]:
+def _format_left_dimensions(dimensions: Sequence[LeftDimension]) -> list[LeftLine]:
     """List what the setups must leave, rounded into the limits [mm]."""
     lines = []
     for dimension in dimensions:
@@ -255,21 +255,21 @@ def _list_left_lines(dimensions: Sequence[LeftDimension]) -> list[LeftLine]:
     return lines
 
 
-def _list_probed(block: Block) -> list[ProbedLine]:
+def _list_probing_lines(block: Block) -> list[ProbedLine]:
     """List where each characteristic is measured, and what the machine accepts."""
     lines = []
     for number, characteristic in enumerate(block.characteristics(), start=1):
-        place = _describe_place(characteristic)
+        place = _describe_measuring_place(characteristic)
         accepted = "-"
-        if _can_be_probed(characteristic):
+        if _is_proved_on_machine(characteristic):
             place = f"setup {_PROBED_IN[characteristic.key]}"
-            accepted = format_accepted(characteristic)
-        limits = format_demand(characteristic)
+            accepted = format_acceptance_limits(characteristic)
+        limits = format_drawn_limits(characteristic)
         lines.append(ProbedLine(str(number), characteristic.label, limits, place, accepted))
     return lines
 
 
-def _describe_place(characteristic: Characteristic) -> str:
+def _describe_measuring_place(characteristic: Characteristic) -> str:
     """Say where a characteristic is measured that the machine does not prove."""
     place = f"off the machine: {characteristic.method}"
     if characteristic.key in _DONE_AFTER:
@@ -277,7 +277,7 @@ def _describe_place(characteristic: Characteristic) -> str:
     return place
 
 
-def _can_be_probed(characteristic: Characteristic) -> bool:
+def _is_proved_on_machine(characteristic: Characteristic) -> bool:
     """Tell whether the machine reaches a characteristic, and proves that it conforms."""
     return characteristic.key in _PROBED_IN and is_proved_by_probe(characteristic)
 
@@ -291,18 +291,18 @@ def is_proved_by_probe(characteristic: Characteristic) -> bool:
     return guard_bands <= _LARGEST_GUARD_SHARE * tolerance
 
 
-def format_demand(characteristic: Characteristic) -> str:
+def format_drawn_limits(characteristic: Characteristic) -> str:
     """Write the limits of a characteristic as on a drawing."""
     if characteristic.kind == "roughness":
         return f"Ra {characteristic.upper * 1e6:g} um"
     if characteristic.kind in FORM:
         return format_zone(characteristic.upper)
-    return format_limits(
+    return format_size_with_deviations(
         characteristic.nominal, characteristic.lower, characteristic.upper, characteristic.quantity
     )
 
 
-def format_accepted(characteristic: Characteristic) -> str:
+def format_acceptance_limits(characteristic: Characteristic) -> str:
     """Write the limits within which a measured value conforms (ISO 14253-1) [mm]."""
     least = characteristic.nominal + characteristic.lower + GUARD
     largest = characteristic.nominal + characteristic.upper - GUARD

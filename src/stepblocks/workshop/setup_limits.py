@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from stepblocks.parts.body import Block, Mounting
-from stepblocks.parts.kinds.step_block import find_second_step
-from stepblocks.parts.stock import compute_stock
+from stepblocks.parts.kinds.step_block import get_second_step
+from stepblocks.parts.stock import compute_stock_corners
 from stepblocks.parts.tolerance import GUARD_FACTOR, Dimension
 
 # left on base and working faces after milling; it also takes what hardening warps [m]
@@ -60,11 +60,11 @@ class Band:
         """Half of its width [m]; negative of an empty one."""
         return 0.5 * (self.high - self.low)
 
-    def add(self, band: "Band") -> "Band":
+    def add_band(self, band: "Band") -> "Band":
         """Return the band of all sums with the values of another band."""
         return Band(self.low + band.low, self.high + band.high)
 
-    def narrow(self, half_width: float) -> "Band":
+    def limit_half_width(self, half_width: float) -> "Band":
         """Return the band about the same middle, no wider than a half-width to either side."""
         return Band.around(self.middle, min(self.half_width, half_width))
 
@@ -116,9 +116,9 @@ _NO_DROP = Band(0.0, 0.0)
 
 def compute_allowances(block: Block) -> Allowances:
     """Compute what milling leaves on a block; a tight stock leaves less to grind."""
-    low, high = compute_stock(block)
+    low, high = compute_stock_corners(block)
     on_base = max(block.body.base - low[2], 0.0)
-    on_top = max(high[2] - block.highest, 0.0)
+    on_top = max(high[2] - block.highest_face, 0.0)
     jaws = min(_JAWS, _JAWS_SHARE * (high[2] - low[2]))
     return Allowances(
         base=min(GRINDING, on_base),
@@ -146,13 +146,13 @@ def list_left_dimensions(block: Block) -> list[LeftDimension]:
     allowances = compute_allowances(block)
     lapped = find_lapping_removal(block)
     ground = _find_base_grinding_removal(block, allowances)
-    thickness = _find_thickness(block)
+    thickness = _find_working_thickness(block)
     mounting = block.body.mounting
     lines: list[LeftDimension] = []
     if mounting is not None and mounting.kind == "tapped":
-        lines += _yield_core_holes(mounting, ground)
+        lines += _yield_core_hole_dimensions(mounting, ground)
     if allowances.mills_top:
-        milled = Band.around(block.sides[2] + allowances.base + allowances.top, _MILLING)
+        milled = Band.around(block.overall_sizes[2] + allowances.base + allowances.top, _MILLING)
         lines.append(LeftDimension(2, "milled_height", "height over both milled faces", milled))
     label = "thickness over both ground faces"
     as_ground = LeftDimension(
@@ -170,32 +170,34 @@ def list_left_dimensions(block: Block) -> list[LeftDimension]:
         lines.append(LeftDimension(4, "ground_off_base", "ground off the base", ground))
     lines.append(as_ground)
     if block.body.edge_break.nominal > 0.0:
-        lines += _yield_edge_breaks(block, lapped)
+        lines += _yield_edge_break_dimensions(block, lapped)
     return lines
 
 
-def _find_drops(block: Block) -> _Drops:
+def _compute_face_drops(block: Block) -> _Drops:
     """Find how far each working face lies below the highest one."""
     height: Dimension = getattr(block, block.governing_field)
     low, high = height.limits
     left = Band(max(low, 0.0), max(high, 0.0))
     right = Band(max(-high, 0.0), max(-low, 0.0))
-    second = find_second_step(block)
+    second = get_second_step(block)
     if second is None:
         return _Drops(left, right)
     further = Band.from_dimension(second.height)
     if second.direction == "up":
-        return _Drops(left.add(further), _NO_DROP, between=further)
+        return _Drops(left.add_band(further), _NO_DROP, between=further)
     return _Drops(left, further, between=_NO_DROP)
 
 
-def _find_thickness(block: Block) -> Band:
+def _find_working_thickness(block: Block) -> Band:
     """Find the thickness to work to [m]; the depth of counterbores is measured from its far end."""
     limits = Band.from_dimension(block.body.thickness)
     mounting = block.body.mounting
     if mounting is None or mounting.kind != "clearance":
         return limits
-    return limits.narrow(_THICKNESS_SHARE * Band.from_dimension(mounting.depth).half_width)
+    return limits.limit_half_width(
+        _THICKNESS_SHARE * Band.from_dimension(mounting.depth).half_width
+    )
 
 
 def find_lapping_removal(block: Block) -> Band:
@@ -204,7 +206,7 @@ def find_lapping_removal(block: Block) -> Band:
     It may take a quarter of the tolerance of the thickness, and half of that of the edge breaks
     beside it.
     """
-    most_lapped = min(_MOST_LAPPED, 0.5 * _find_thickness(block).half_width)
+    most_lapped = min(_MOST_LAPPED, 0.5 * _find_working_thickness(block).half_width)
     if block.body.edge_break.nominal > 0.0:
         of_edge_break = Band.from_dimension(block.body.edge_break).half_width
         most_lapped = min(most_lapped, of_edge_break)
@@ -221,37 +223,37 @@ def _find_base_grinding_removal(block: Block, allowances: Allowances) -> Band:
     return Band.around(allowances.base, min(spread, allowances.base))
 
 
-def _yield_core_holes(mounting: Mounting, ground: Band) -> Iterator[LeftDimension]:
+def _yield_core_hole_dimensions(mounting: Mounting, ground_off: Band) -> Iterator[LeftDimension]:
     """Yield depth of core holes and threads from the base as it is drilled, before it is ground."""
     depth = Band.from_dimension(mounting.depth)
-    drilled = Band(depth.low + ground.high, depth.high + ground.low)
+    drilled = Band(depth.low + ground_off.high, depth.high + ground_off.low)
     yield LeftDimension(1, "drilled_depth", "depth of the core holes", drilled)
-    least = Band(mounting.thread_depth + ground.high, math.inf)
+    least = Band(mounting.thread_depth + ground_off.high, math.inf)
     yield LeftDimension(1, "tapped_depth", "full thread, at least", least, is_least=True)
 
 
-def _find_ground_thickness(block: Block, thickness: Band, lapped: Band) -> Band:
+def _find_ground_thickness(block: Block, thickness: Band, lapped_off: Band) -> Band:
     """Find the thickness over base and higher face before anything is lapped [m]."""
-    over_left = _find_drops(block).left.add(lapped)
+    over_left = _compute_face_drops(block).left.add_band(lapped_off)
     return Band(thickness.low + over_left.high, thickness.high + over_left.low)
 
 
-def _find_counterbore_floor(mounting: Mounting, thickness: Band, ground: Band) -> Band:
+def _find_counterbore_floor(mounting: Mounting, thickness: Band, ground_off: Band) -> Band:
     """Find how far the floor of the counterbores lies over the base before it is ground [m].
 
     The depth of a counterbore is the thickness less this floor after grinding.
     """
     depth = Band.from_dimension(mounting.depth)
-    lowest = thickness.high + ground.high - depth.high
-    highest = thickness.low + ground.low - depth.low
+    lowest = thickness.high + ground_off.high - depth.high
+    highest = thickness.low + ground_off.low - depth.low
     return Band(lowest, highest)
 
 
-def _yield_edge_breaks(block: Block, lapped: Band) -> Iterator[LeftDimension]:
+def _yield_edge_break_dimensions(block: Block, lapped_off: Band) -> Iterator[LeftDimension]:
     """Yield the legs of edge breaks on faces that are ground, and still to be lapped or cut."""
     leg = Band.from_dimension(block.body.edge_break)
     yield LeftDimension(5, "edge_break_base", "leg at the base and of upright edges", leg)
-    drops = _find_drops(block)
+    drops = _compute_face_drops(block)
     edge = "working edge" if drops.between is None else "first edge"
     last_edge = "working edge" if drops.between is None else "second edge"
     sides = [("left", f"left of the {edge}", drops.left)]
@@ -259,7 +261,7 @@ def _yield_edge_breaks(block: Block, lapped: Band) -> Iterator[LeftDimension]:
         sides.append(("between", "between both edges", drops.between))
     sides.append(("right", f"right of the {last_edge}", drops.right))
     for side, place, drop in sides:
-        taken_off = drop.add(lapped)
+        taken_off = drop.add_band(lapped_off)
         limits = Band(leg.low + taken_off.high, leg.high + taken_off.low)
         label = f"leg at the upper side, {place}"
         yield LeftDimension(5, f"edge_break_{side}", label, limits)

@@ -10,19 +10,19 @@ from ezdxf.math import Vec2
 
 from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.lettering import compute_text_width
-from stepblocks.parts.on_paper import choose_decimals, format_limits, format_zone
+from stepblocks.parts.on_paper import choose_decimals, format_size_with_deviations, format_zone
 from stepblocks.workshop.dimension_layout import (
     DimensionLine,
-    lay_out_beside,
-    lay_out_inside,
+    lay_out_text_beside,
+    lay_out_text_inside,
 )
 from stepblocks.workshop.inches import (
     INCH,
-    convert_inward,
+    convert_to_inches_inward,
     format_inches,
-    format_largest,
-    format_least,
-    format_roughness,
+    format_largest_in_inches,
+    format_largest_roughness_in_microinches,
+    format_least_in_inches,
 )
 from stepblocks.workshop.paper import (
     TEXT_HEIGHT,
@@ -135,39 +135,41 @@ class Sheet(Paper):
         self.numbers: set[int] = set()
         self.letters: dict[str, str] = {}
 
-    def format_limits(self, key: str) -> str:
+    def format_characteristic_limits(self, key: str) -> str:
         """Format nominal value and deviations of a characteristic as on a drawing."""
         characteristic = self.listed[key].characteristic
         sizes = (characteristic.nominal, characteristic.lower, characteristic.upper)
         if characteristic.quantity == "angle":
-            return self.write_decimals(format_limits(*sizes, characteristic.quantity))
+            return self.convert_decimal_signs(
+                format_size_with_deviations(*sizes, characteristic.quantity)
+            )
         return self.format_size(*sizes)
 
     def format_size(self, nominal: float, lower: float, upper: float) -> str:
         """Format a length and its deviations [m] as on a drawing."""
         if self.in_inches:
-            return convert_inward(nominal, lower, upper).format_limits()
-        return use_decimal_comma(format_limits(nominal, lower, upper))
+            return convert_to_inches_inward(nominal, lower, upper).format_with_deviations()
+        return use_decimal_comma(format_size_with_deviations(nominal, lower, upper))
 
     def format_largest(self, length: float) -> str:
         """Format the largest length [m] that is permitted."""
         if self.in_inches:
-            return format_largest(length)
+            return format_largest_in_inches(length)
         return use_decimal_comma(f"{length * 1e3:.3g}")
 
     def format_least(self, length: float) -> str:
         """Format the least length [m] that is permitted."""
         if self.in_inches:
-            return format_least(length)
+            return format_least_in_inches(length)
         return use_decimal_comma(f"{length * 1e3:.3g}")
 
-    def format_place(self, length: float) -> str:
+    def format_distance(self, length: float) -> str:
         """Format a distance without a tolerance of its own [m]."""
         if self.in_inches:
             return format_inches(length / INCH, 3)
         return use_decimal_comma(f"{length * 1e3:g}")
 
-    def format_drill(self, diameter: float) -> str:
+    def format_tool_diameter(self, diameter: float) -> str:
         """Format the diameter of a tool [m], which is metric on either drawing."""
         size = f"⌀{diameter * 1e3:g}"
         if self.in_inches:
@@ -177,10 +179,10 @@ class Sheet(Paper):
     def format_roughness(self, largest: float) -> str:
         """Format the largest roughness Ra [m]."""
         if self.in_inches:
-            return f"Ra {format_roughness(largest)} µin"
+            return f"Ra {format_largest_roughness_in_microinches(largest)} µin"
         return use_decimal_comma(f"Ra {largest * 1e6:g}")
 
-    def write_decimals(self, text: str) -> str:
+    def convert_decimal_signs(self, text: str) -> str:
         """Write the decimal signs of a text as the standard of the drawing does."""
         if self.in_inches:
             return text
@@ -198,7 +200,7 @@ class Sheet(Paper):
             text = _DECIMAL_COMMA.sub(".", text)
         return super().write_text(anchor, text, height, alignment)
 
-    def state_characteristic(
+    def write_characteristic_text(
         self,
         key: str,
         anchor: Point,
@@ -206,9 +208,11 @@ class Sheet(Paper):
         alignment: Alignment = Alignment.LEFT,
     ) -> None:
         """Write a text that states a characteristic, as `write_text` does."""
-        self._mark_characteristic(self.write_text(anchor, text, alignment=alignment), key)
+        self._tag_entity_with_characteristic(
+            self.write_text(anchor, text, alignment=alignment), key
+        )
 
-    def _mark_characteristic(self, entity: DXFEntity, key: str) -> None:
+    def _tag_entity_with_characteristic(self, entity: DXFEntity, key: str) -> None:
         """Note in an entity which characteristic it states, for checks that none is missing."""
         number = self.listed[key].number
         self.numbers.add(number)
@@ -256,16 +260,16 @@ class Sheet(Paper):
         """
         characteristic = self.listed[key].characteristic
         dimension = self._add_dimension(key, start, end, through, scale, upright)
-        line = DimensionLine.between(start, end, through, upright)
-        text_width = self._measure_dimension(key)
+        line = DimensionLine.between_points(start, end, through, upright)
+        text_width = self._measure_dimension_text(key)
         stacked = characteristic.upper != -characteristic.lower
-        if line.has_room(text_width, text_share, stacked=stacked):
-            layout = lay_out_inside(line, text_width, text_share, stacked=stacked)
+        if line.has_room_for_text(text_width, text_share, stacked=stacked):
+            layout = lay_out_text_inside(line, text_width, text_share, stacked=stacked)
             # ezdxf centres a single line of text over the middle of the line by itself
             if stacked or text_share != 0.5:
                 dimension.set_location(Vec2(layout.text), leader=False)
         else:
-            layout = lay_out_beside(
+            layout = lay_out_text_beside(
                 line,
                 text_width,
                 stacked=stacked,
@@ -276,7 +280,7 @@ class Sheet(Paper):
         if layout.extension is not None:
             self.draw_line(*layout.extension, Layer.DIMENSION)
         dimension.render()
-        self._mark_characteristic(dimension.dimension, key)
+        self._tag_entity_with_characteristic(dimension.dimension, key)
         self.draw_balloon(key, layout.balloon)
 
     def _add_dimension(
@@ -285,7 +289,7 @@ class Sheet(Paper):
         """Add the entity of a linear dimension, not rendered yet; return ezdxf's handle of it."""
         characteristic = self.listed[key].characteristic
         if self.in_inches:
-            size = convert_inward(
+            size = convert_to_inches_inward(
                 characteristic.nominal, characteristic.lower, characteristic.upper
             )
             printed = _PrintedSize(1.0 / (_MILLIMETRES_PER_INCH * scale), size.lower, size.upper)
@@ -326,13 +330,13 @@ class Sheet(Paper):
             )
         return dimension
 
-    def _measure_dimension(self, key: str) -> float:
+    def _measure_dimension_text(self, key: str) -> float:
         """Return the width of a dimension's text with the space about it [mm]."""
         if key in self.letters:
             text = self.letters[key]
         else:
             prefix = _PREFIXES.get(self.listed[key].characteristic.kind, "")
-            text = prefix + self.format_limits(key).replace(" ", "")
+            text = prefix + self.format_characteristic_limits(key).replace(" ", "")
         return compute_text_width(text, TEXT_HEIGHT) + 2.0
 
     def draw_cutting_line(self, left: Point, right: Point, letter: str) -> None:
@@ -358,12 +362,12 @@ class Sheet(Paper):
         self.draw_pointer(leader.shelf, elbow, tip)
         self.write_text(leader.text, text, alignment=leader.alignment)
 
-    def lead_to_characteristic(self, key: str, tip: Point, elbow: Point, template: str) -> None:
+    def draw_characteristic_leader(self, key: str, tip: Point, elbow: Point, template: str) -> None:
         """Draw a leader that states a characteristic; ``{}`` in `template` are its limits."""
-        text = template.format(self.format_limits(key))
+        text = template.format(self.format_characteristic_limits(key))
         leader = _Leader.between(tip, elbow)
         self.draw_pointer(leader.shelf, elbow, tip)
-        self.state_characteristic(key, leader.text, text, leader.alignment)
+        self.write_characteristic_text(key, leader.text, text, leader.alignment)
         shelf_x, y = leader.shelf
         past_text = 5.0 + compute_text_width(text, TEXT_HEIGHT)
         self.draw_balloon(key, (shelf_x + leader.side * past_text, y))
@@ -394,7 +398,7 @@ class Sheet(Paper):
         for stroke in strokes:
             self.draw_polyline(shift_points(stroke, lower_left), Layer.FRAME)
         zone_place = (x + cell + 0.5 * zone_cell, middle)
-        self.state_characteristic(key, zone_place, zone, Alignment.MIDDLE_CENTER)
+        self.write_characteristic_text(key, zone_place, zone, Alignment.MIDDLE_CENTER)
         if datum:
             datum_place = (right - 0.5 * cell, middle)
             self.write_text(datum_place, datum, alignment=Alignment.MIDDLE_CENTER)
@@ -404,7 +408,7 @@ class Sheet(Paper):
     def _format_zone(self, zone: float) -> str:
         """Format the zone of a geometric tolerance [m]."""
         if self.in_inches:
-            return format_largest(zone)
+            return format_largest_in_inches(zone)
         return use_decimal_comma(format_zone(zone))
 
     def draw_pointer_to_face(self, tip: Point, start: Point) -> None:
@@ -431,7 +435,7 @@ class Sheet(Paper):
         self.draw_rectangle((x - 3.0, y + 6.0), (x + 3.0, y + 12.0), Layer.FRAME)
         self.write_text((x, y + 9.0), letter, 3.0, Alignment.MIDDLE_CENTER)
 
-    def draw_texture(self, foot: Point, key: str, suffix: str = "") -> None:
+    def draw_surface_texture(self, foot: Point, key: str, suffix: str = "") -> None:
         """Draw the symbol of a machined surface (ISO 21920-1) with its largest Ra [um].
 
         `foot` is the point of its triangle on the surface.
@@ -440,10 +444,10 @@ class Sheet(Paper):
         text = f"{self.format_roughness(largest)}{suffix}"
         end = self._draw_texture_lines(foot, text)
         x, y = foot
-        self.state_characteristic(key, (x + 5.0, y + 5.3), text, Alignment.MIDDLE_LEFT)
+        self.write_characteristic_text(key, (x + 5.0, y + 5.3), text, Alignment.MIDDLE_LEFT)
         self.draw_balloon(key, (end + 3.6, y + 5.6))
 
-    def draw_general_texture(self, foot: Point) -> None:
+    def draw_general_surface_texture(self, foot: Point) -> None:
         """Draw the symbol of all surfaces that have none of their own (ISO 21920-1)."""
         x, y = foot
         text = self.format_roughness(ELSEWHERE)
@@ -471,6 +475,6 @@ class Sheet(Paper):
         for index, note in enumerate(notes):
             place = (x, y - _NOTE_SPACING * index)
             if note.key:
-                self.state_characteristic(note.key, place, note.text)
+                self.write_characteristic_text(note.key, place, note.text)
             else:
                 self.write_text(place, note.text)

@@ -14,7 +14,7 @@ from stepblocks.workshop.paper import (
     Layer,
     Point,
     View,
-    choose_scale,
+    choose_standard_scale,
     format_scale,
     use_decimal_comma,
 )
@@ -41,15 +41,15 @@ _SHEATH_LENGTH = 130.0
 _SHEATH_DIAMETER = 70.0
 
 
-def _draw_mirrored(
+def _draw_mirrored_half_section(
     sheet: Sheet, view: View, outline: Sequence[Point], closed: bool = False
 ) -> None:
     """Draw a half section (radius, height) on either side of its axis, which lies level."""
-    for half in _place_halves(view, outline):
+    for half in _yield_mirrored_halves(view, outline):
         sheet.draw_polyline(half, closed=closed)
 
 
-def _place_halves(view: View, outline: Sequence[Point]) -> Iterator[list[Point]]:
+def _yield_mirrored_halves(view: View, outline: Sequence[Point]) -> Iterator[list[Point]]:
     """Yield the upper, then the lower half of a section (radius, height) on the paper."""
     for side in (1.0, -1.0):
         yield [view.map_to_paper(height, side * radius) for radius, height in outline]
@@ -87,7 +87,7 @@ def draw_straight_tip_views(sheet: Sheet, tip: StraightTip) -> UnwrittenNotes:
     sheet.draw_dimension("length", view.origin, corner, (origin_x, lower - 12.0), view.scale)
     datum_x, upper = view.map_to_paper(0.75 * end, shank)
     sheet.draw_datum_above((datum_x, upper), "A")
-    _caption_side_view(sheet, view, -shank)
+    _write_side_view_caption(sheet, view, -shank)
     _draw_ball_detail(sheet, tip)
     _draw_runout_frame(sheet, tip)
     return _describe_shank(sheet, tip)
@@ -99,11 +99,11 @@ def draw_hook_tip_views(sheet: Sheet, tip: HookTip) -> UnwrittenNotes:
     inner = _list_wire_side(tip, -wire)
     outer = _list_wire_side(tip, wire)
     end_face = [inner[-1], outer[-1]]
-    view = _draw_side_view(sheet, tip, tip.cone_end, [inner, outer, end_face])
-    _lead_to_bend(sheet, tip, view, outer)
+    view = _draw_side_view(sheet, tip, tip.cone_end_height, [inner, outer, end_face])
+    _draw_bend_leaders(sheet, tip, view, outer)
     _, heights = zip(*inner, *outer, strict=True)
     lowest = min(-wire, *heights)
-    _caption_side_view(sheet, view, lowest)
+    _write_side_view_caption(sheet, view, lowest)
     _draw_ball_detail(sheet, tip)
     return []
 
@@ -114,7 +114,7 @@ def _list_wire_side(tip: HookTip, offset: float) -> list[Point]:
     `offset` is the distance of that side from the axis of the wire, away from the middle of the
     bend.
     """
-    start = tip.cone_end
+    start = tip.cone_end_height
     bend = tip.bend_radius.nominal
     angle = tip.bend_angle.nominal
     radius = bend + offset
@@ -129,46 +129,50 @@ def _list_wire_side(tip: HookTip, offset: float) -> list[Point]:
     return points
 
 
-def _lead_to_bend(sheet: Sheet, tip: HookTip, view: View, outer: list[Point]) -> None:
+def _draw_bend_leaders(sheet: Sheet, tip: HookTip, view: View, outer: list[Point]) -> None:
     """Draw the leaders of wire, bend and straight shank."""
     start_x, start_y = outer[-2]  # of the straight run of the shank
     end_x, end_y = outer[-1]
     middle = view.map_to_paper(0.5 * (start_x + end_x), 0.5 * (start_y + end_y))
     x, y = middle
-    sheet.lead_to_characteristic("shank_diameter", middle, (x + 14.0, y - 6.0), "⌀{}")
+    sheet.draw_characteristic_leader("shank_diameter", middle, (x + 14.0, y - 6.0), "⌀{}")
     bend = tip.bend_radius.nominal
     half_angle = 0.5 * tip.bend_angle.nominal
     axis = view.map_to_paper(
-        tip.cone_end + bend * math.sin(half_angle), bend * (1.0 - math.cos(half_angle))
+        tip.cone_end_height + bend * math.sin(half_angle), bend * (1.0 - math.cos(half_angle))
     )
     x, y = axis
-    sheet.lead_to_characteristic(
+    sheet.draw_characteristic_leader(
         "bend_radius", axis, (x + 18.0, y - 10.0), "R {}, axis of the wire"
     )
-    sheet.lead_to_characteristic("bend_angle", axis, (x + 18.0, y - 18.0), "bent by {}")
+    sheet.draw_characteristic_leader("bend_angle", axis, (x + 18.0, y - 18.0), "bent by {}")
     near_end = view.map_to_paper(0.2 * start_x + 0.8 * end_x, 0.2 * start_y + 0.8 * end_y)
     x, y = near_end
-    sheet.lead_to_characteristic(
+    sheet.draw_characteristic_leader(
         "straight_length", near_end, (x + 14.0, y - 6.0), "straight over {} from the bend"
     )
 
 
-def _draw_side_view(sheet: Sheet, tip: Tip, axis_end: float, more: list[list[Point]]) -> View:
+def _draw_side_view(
+    sheet: Sheet, tip: Tip, axis_end: float, further_lines: list[list[Point]]
+) -> View:
     """Draw ball, cone and shank about their axis, then more lines (x, y) [m].
 
     The axis is drawn up to `axis_end` [m]. Returns the view, whose origin is the contact point.
     """
-    half_section = list_outline_points(tip.outline(), CHORD)
+    half_section = list_outline_points(tip.outline_half_section(), CHORD)
     upper, lower = [], []
     for radius, height in half_section:
         upper.append((height, radius))
         lower.append((height, -radius))
-    lines = [upper, lower, *more]
+    lines = [upper, lower, *further_lines]
     along, across = zip(*itertools.chain(*lines), strict=True)
     width = MILLIMETRES_PER_METRE * (max(along) - min(along))
     height = MILLIMETRES_PER_METRE * (max(across) - min(across))
     shank = MILLIMETRES_PER_METRE * tip.shank_radius.nominal
-    scale = choose_scale(min(_SIDE_WIDTH / width, _SIDE_HEIGHT / height, _SHANK_RADIUS / shank))
+    scale = choose_standard_scale(
+        min(_SIDE_WIDTH / width, _SIDE_HEIGHT / height, _SHANK_RADIUS / shank)
+    )
     half_magnification = 0.5 * MILLIMETRES_PER_METRE * scale
     axis_y = _SIDE_Y - half_magnification * (min(across) + max(across))
     view = View((_SIDE_X, axis_y), scale)
@@ -179,7 +183,7 @@ def _draw_side_view(sheet: Sheet, tip: Tip, axis_end: float, more: list[list[Poi
     return view
 
 
-def _caption_side_view(sheet: Sheet, view: View, lowest: float) -> None:
+def _write_side_view_caption(sheet: Sheet, view: View, lowest: float) -> None:
     """Write the scale of the side view under its lowest point [m]."""
     origin_x, _ = view.origin
     _, lower = view.map_to_paper(0.0, lowest)
@@ -192,15 +196,15 @@ def _draw_ball_detail(sheet: Sheet, tip: Tip) -> None:
     ball = tip.ball_radius.nominal
     slope = math.tan(tip.cone_angle.nominal)
     start_radius, start_height = tip.cone_start
-    view = View((x - 40.0, y), choose_scale(_BALL_RADIUS / (ball * MILLIMETRES_PER_METRE)))
+    view = View((x - 40.0, y), choose_standard_scale(_BALL_RADIUS / (ball * MILLIMETRES_PER_METRE)))
     height = _BALL_HEIGHT * ball
     outline = []
-    for point in list_outline_points(tip.outline(), CHORD):
+    for point in list_outline_points(tip.outline_half_section(), CHORD):
         _, point_height = point
         if point_height <= height:
             outline.append(point)
     outline.append((start_radius + (height - start_height) * slope, height))
-    _draw_mirrored(sheet, view, outline)
+    _draw_mirrored_half_section(sheet, view, outline)
     ball_on_paper = ball * MILLIMETRES_PER_METRE * view.scale
     sheet.draw_circle(view.map_to_paper(ball, 0.0), ball_on_paper, Layer.HIDDEN)
     sheet.draw_line((x - 45.0, y), (x + 45.0, y), Layer.CENTRE)
@@ -208,11 +212,11 @@ def _draw_ball_detail(sheet: Sheet, tip: Tip) -> None:
         x - 40.0 + ball_on_paper * (1.0 - math.cos(1.0)),
         y + ball_on_paper * math.sin(1.0),
     )
-    sheet.lead_to_characteristic("ball_radius", on_ball, (x - 34.0, y + 40.0), "SR {}")
+    sheet.draw_characteristic_leader("ball_radius", on_ball, (x - 34.0, y + 40.0), "SR {}")
     flank_height = _FLANK_HEIGHT * ball
     flank = view.map_to_paper(flank_height, start_radius + (flank_height - start_height) * slope)
     flank_x, _ = flank
-    sheet.lead_to_characteristic("cone_angle", flank, (flank_x + 6.0, y - 34.0), "{} included")
+    sheet.draw_characteristic_leader("cone_angle", flank, (flank_x + 6.0, y - 34.0), "{} included")
     caption = f"ball {format_scale(view.scale)}"
     sheet.write_text((x - 34.0, y - 50.0), caption, alignment=Alignment.BOTTOM_RIGHT)
 
@@ -221,7 +225,7 @@ def _draw_runout_frame(sheet: Sheet, tip: StraightTip) -> None:
     """Draw the frame of the run-out below the enlarged ball, its arrow on the side of the ball."""
     x, y = _BALL_VIEW
     ball = tip.ball_radius.nominal * MILLIMETRES_PER_METRE
-    ball_on_paper = ball * choose_scale(_BALL_RADIUS / ball)
+    ball_on_paper = ball * choose_standard_scale(_BALL_RADIUS / ball)
     frame = sheet.draw_tolerance_frame("runout", (x - 12.0, y - 54.0), "A")
     sheet.draw_pointer_to_face((x - 40.0 + ball_on_paper, y - ball_on_paper), frame)
 
@@ -230,7 +234,7 @@ def draw_sheath_views(sheet: Sheet, sheath: Sheath) -> UnwrittenNotes:
     """Draw a sheath in section and from its end; return the notes to be written."""
     length = sheath.length.nominal
     outer = sheath.outer_diameter.nominal
-    scale = choose_scale(
+    scale = choose_standard_scale(
         min(
             _SHEATH_LENGTH / (length * MILLIMETRES_PER_METRE),
             _SHEATH_DIAMETER / (outer * MILLIMETRES_PER_METRE),
@@ -256,14 +260,14 @@ def _draw_sheath_section(sheet: Sheet, sheath: Sheath, view: View) -> None:
     half_bore = 0.5 * sheath.bore.nominal
     half_outer = 0.5 * sheath.outer_diameter.nominal
     chamfer = sheath.edge_break.nominal
-    outline = sheath.outline()
-    _draw_mirrored(sheet, view, outline, closed=True)
-    for wall in _place_halves(view, outline):
+    outline = sheath.outline_half_section()
+    _draw_mirrored_half_section(sheet, view, outline, closed=True)
+    for wall in _yield_mirrored_halves(view, outline):
         sheet.draw_hatch(wall)
     if "edge_break" in sheet.listed:
         corner = view.map_to_paper(length - 0.5 * chamfer, half_outer - 0.5 * chamfer)
         x, y = corner
-        sheet.lead_to_characteristic(
+        sheet.draw_characteristic_leader(
             "edge_break", corner, (x - 12.0, y + 12.0), "{} x 45°, both ends"
         )
     for end in (0.0, length):

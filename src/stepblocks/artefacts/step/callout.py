@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from stepblocks.cad import door, pmi
 from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.lettering import compute_text_width, outline_centred_text
-from stepblocks.parts.on_paper import format_limits, format_zone
+from stepblocks.parts.on_paper import format_size_with_deviations, format_zone
 
 Point = tuple[float, float, float]
 Line = tuple[Point, Point]
@@ -70,7 +70,7 @@ def format_callout(characteristic: Characteristic, number: int) -> str:
     """Write number, name and limits of a characteristic."""
     if characteristic.kind in ("flatness", "parallelism"):
         return f"{number}  {characteristic.label} {format_zone(characteristic.upper)}"
-    limits = format_limits(
+    limits = format_size_with_deviations(
         characteristic.nominal, characteristic.lower, characteristic.upper, characteristic.quantity
     )
     sign = _SIGNS.get(characteristic.kind, "")

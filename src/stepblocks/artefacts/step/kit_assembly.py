@@ -26,6 +26,6 @@ def write_kit_assembly(path: Path, kit: Apparatus, order: OrderSpec) -> None:
         If an operation of the kernel does not give one valid solid.
     """
     components = list_components(kit)
-    bodies = [(component.name, component.build()) for component in components]
+    bodies = [(component.name, component.build_solid()) for component in components]
     materials = [component.material for component in components]
     write_conforming(path, kit.id, bodies, materials, [], order=order)

@@ -22,7 +22,7 @@ from stepblocks.parts.characteristics import (
     EdgeRule,
     FaceRule,
     Rule,
-    find_face,
+    find_face_index,
 )
 from stepblocks.parts.conditions import NO_ORDER, OrderSpec
 from stepblocks.parts.kind import Part
@@ -244,7 +244,7 @@ def _find_item(
     owner = body if rule.body is None else rule.body
     faces = described[owner]
     if isinstance(rule, EdgeRule):
-        first = find_face(faces, rule.first, place)
-        second = find_face(faces, rule.second, place)
+        first = find_face_index(faces, rule.first, place)
+        second = find_face_index(faces, rule.second, place)
         return PmiItem(owner, first, second)
-    return PmiItem(owner, find_face(faces, rule, place))
+    return PmiItem(owner, find_face_index(faces, rule, place))

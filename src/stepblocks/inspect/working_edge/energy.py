@@ -79,7 +79,7 @@ def _describe_edge_energy(
     result: InspectionResult, edge: _MeasuredEdge, grid: PredictionGrid, verdict: str
 ) -> str:
     """Say behind a verdict how the energy of one edge differs from the nominal one's, and why."""
-    point = grid.make_first_point()
+    point = grid.make_first_operating_point()
     conditions = (
         f"(tip {point.ball_radius * 1e6:g} um, {point.normal_load:g} N, friction "
         f"{point.friction:g})"

@@ -14,7 +14,7 @@ from stepblocks.parts.revolution import Point3
 _Solid = TypeVar("_Solid", Box, Cylinder)
 
 
-class _Share(NamedTuple):
+class _SignedVolume(NamedTuple):
     """A signed volume [m^3], negative where it is taken away, and its centre [m]."""
 
     volume: float
@@ -82,7 +82,7 @@ class Component:
     @property
     def volume(self) -> float:
         """Volume in closed form [m^3]."""
-        return math.fsum(share.volume for share in self._yield_shares())
+        return math.fsum(share.volume for share in self._yield_signed_volumes())
 
     @property
     def mass(self) -> float:
@@ -105,66 +105,68 @@ class Component:
         """The box around it."""
         boxes = [*self.boxes]
         for rod in self.rods:
-            boxes.append(rod.box)
+            boxes.append(rod.bounding_box)
         return enclose_boxes(boxes)
 
-    def move(self, by: Point3) -> "Component":
+    def move(self, shift: Point3) -> "Component":
         """Return it elsewhere [m], with the faces of its held distances."""
         held = []
         for distance in self.held:
-            held.append(_move_characteristic(distance, by))
+            held.append(_move_characteristic(distance, shift))
         return replace(
             self,
-            boxes=_move_solids(self.boxes, by),
-            rods=_move_solids(self.rods, by),
-            bores=_move_solids(self.bores, by),
+            boxes=_move_solids(self.boxes, shift),
+            rods=_move_solids(self.rods, shift),
+            bores=_move_solids(self.bores, shift),
             held=tuple(held),
         )
 
-    def build(self) -> cad.door.Body:
+    def build_solid(self) -> cad.door.Body:
         """Build it as a solid."""
-        bodies = _build_solids([*self.boxes, *self.rods])
+        bodies = _build_each_solid([*self.boxes, *self.rods])
         body = bodies[0]
         if len(bodies) > 1:
             body = cad.kernel.fuse(bodies)
         if self.bores:
-            body = cad.kernel.cut(body, _build_solids(self.bores))
+            body = cad.kernel.cut(body, _build_each_solid(self.bores))
         return body
 
     def _sum_moments(self, axis: int) -> float:
         """Sum volumes times the coordinates of their centres along an axis [m^4]."""
-        return math.fsum(share.volume * share.centre[axis] for share in self._yield_shares())
+        return math.fsum(
+            share.volume * share.centre[axis] for share in self._yield_signed_volumes()
+        )
 
-    def _yield_shares(self) -> Iterator[_Share]:
+    def _yield_signed_volumes(self) -> Iterator[_SignedVolume]:
         """Yield what it is made of with its sign."""
         for box in self.boxes:
-            yield _Share(box.volume, box.centre)
+            yield _SignedVolume(box.volume, box.centre)
         for rod in self.rods:
-            yield _Share(rod.volume, rod.centre)
+            yield _SignedVolume(rod.volume, rod.centre)
         for bore in self.bores:
-            yield _Share(-bore.volume, bore.centre)
+            yield _SignedVolume(-bore.volume, bore.centre)
 
 
-def _move_solids(solids: Iterable[_Solid], by: Point3) -> tuple[_Solid, ...]:
+def _move_solids(solids: Iterable[_Solid], shift: Point3) -> tuple[_Solid, ...]:
     """Return boxes or cylinders elsewhere [m]."""
-    return tuple(solid.move(by) for solid in solids)
+    return tuple(solid.move(shift) for solid in solids)
 
 
-def _build_solids(solids: Iterable[Box | Cylinder]) -> list[cad.door.Body]:
+def _build_each_solid(solids: Iterable[Box | Cylinder]) -> list[cad.door.Body]:
     """Build boxes and cylinders, each by itself."""
-    return [solid.build() for solid in solids]
+    return [solid.build_solid() for solid in solids]
 
 
-def _move_characteristic(characteristic: Characteristic, by: Point3) -> Characteristic:
+def _move_characteristic(characteristic: Characteristic, shift: Point3) -> Characteristic:
     """Return a characteristic whose faces lie elsewhere [m]."""
-    faces = tuple(_move_rule(rule, by) for rule in characteristic.faces)
+    faces = tuple(_move_rule(rule, shift) for rule in characteristic.faces)
     return replace(characteristic, faces=faces)
 
 
-def _move_rule(rule: Rule, by: Point3) -> Rule:
+def _move_rule(rule: Rule, shift: Point3) -> Rule:
     """Return the rule of a plane face that lies elsewhere [m]."""
     assert isinstance(rule, FaceRule)  # a held distance is one of two faces
     holds = {}
     for axis, place in rule.holds.items():
-        holds[axis] = place + by[axis]
-    return replace(rule, at=rule.at + by[rule.axis], holds=holds)
+        holds[axis] = place + shift[axis]
+    return replace(rule, at=rule.at + shift[rule.axis], holds=holds)

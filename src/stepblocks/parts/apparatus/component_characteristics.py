@@ -8,9 +8,9 @@ from stepblocks.parts.apparatus.solids import AXES, Cylinder
 from stepblocks.parts.characteristics import (
     Characteristic,
     FaceRule,
-    describe_plane,
     make_characteristic,
     make_location_characteristic,
+    make_plane_rule,
 )
 from stepblocks.parts.tolerance import Dimension, find_general_deviation
 
@@ -39,19 +39,19 @@ def _yield_plane_characteristics(component: Component, axis: int) -> Iterator[Ch
     extent = component.bounding_box
     low, high = extent.low[axis], extent.high[axis]
     planes = _list_plane_places(component, axis)
-    if not _is_among(low, planes):  # round from there: its diameter says it
+    if not _is_at_known_place(low, planes):  # round from there: its diameter says it
         return
-    lowest = describe_plane(axis, low)
-    held = list(_yield_held_places(component, axis))
+    lowest = make_plane_rule(axis, low)
+    held = list(_yield_upper_faces_of_held_distances(component, axis))
     name = _OVERALL[axis]
-    if _is_among(high, planes) and not _is_among(high, held):
-        size = _make_general_dimension(high - low)
-        highest = describe_plane(axis, high)
+    if _is_at_known_place(high, planes) and not _is_at_known_place(high, held):
+        size = _make_generally_toleranced_dimension(high - low)
+        highest = make_plane_rule(axis, high)
         yield make_characteristic(name, "distance", size, lowest, highest, label=f"{name} over all")
-    inner = _leave_out(planes, [low, high, *held])
+    inner = _leave_out_known_places(planes, [low, high, *held])
     for number, place in enumerate(inner, start=1):
         label = f"{name}, face {number} from the {_SIDES[axis]}"
-        face = describe_plane(axis, place)
+        face = make_plane_rule(axis, place)
         yield make_location_characteristic(f"{name}_{number}", label, place - low, lowest, face)
 
 
@@ -65,26 +65,26 @@ def _list_plane_places(component: Component, axis: int) -> list[float]:
             ends += [rod.start[axis], rod.end[axis]]
     places: list[float] = []
     for end in sorted(ends):
-        if not _is_among(end, places):
+        if not _is_at_known_place(end, places):
             places.append(end)
     return places
 
 
-def _leave_out(places: list[float], known: list[float]) -> list[float]:
+def _leave_out_known_places(places: list[float], known_places: list[float]) -> list[float]:
     """Return the coordinates that are none of those which are known [m]."""
     left = []
     for place in places:
-        if not _is_among(place, known):
+        if not _is_at_known_place(place, known_places):
             left.append(place)
     return left
 
 
-def _is_among(place: float, places: list[float]) -> bool:
+def _is_at_known_place(place: float, known_places: list[float]) -> bool:
     """Tell whether a coordinate is one of several."""
-    return any(abs(place - known) < _SAME for known in places)
+    return any(abs(place - known) < _SAME for known in known_places)
 
 
-def _yield_held_places(component: Component, axis: int) -> Iterator[float]:
+def _yield_upper_faces_of_held_distances(component: Component, axis: int) -> Iterator[float]:
     """Yield where the upper faces of distances with a tolerance of their own lie on an axis [m]."""
     for characteristic in component.held:
         _, upper = characteristic.faces
@@ -101,14 +101,14 @@ def _yield_cylinder_characteristics(
         holds[axis] = cylinder.middle[axis]
     face = FaceRule("CYLINDER", radius=0.5 * cylinder.diameter, holds=holds)
     dimension = _make_diameter_dimension(cylinder)
-    description = _describe_bore(component, cylinder)
+    description = _describe_thread_and_depth(component, cylinder)
     yield make_characteristic(
         key,
         "diameter",
         dimension,
         face,
         label=f"{label}, along {cylinder.axis}{description}",
-        method=_choose_bore_method(component, cylinder),
+        method=_choose_cylinder_method(component, cylinder),
     )
     for axis in cylinder.cross_axis_indices:
         low = component.bounding_box.low[axis]
@@ -116,13 +116,13 @@ def _yield_cylinder_characteristics(
         sides = []
         for box in component.boxes:
             sides.append(box.low[axis])
-        if _is_among(low, sides) and offset > _LEAST_OFFSET:
-            side = describe_plane(axis, low)
+        if _is_at_known_place(low, sides) and offset > _LEAST_OFFSET:
+            side = make_plane_rule(axis, low)
             name = f"{label} from the {_SIDES[axis]}"
             yield make_location_characteristic(f"{key}_{AXES[axis]}", name, offset, side, face)
 
 
-def _choose_bore_method(component: Component, cylinder: Cylinder) -> str:
+def _choose_cylinder_method(component: Component, cylinder: Cylinder) -> str:
     """Choose pin gauges for a bore with a fit; empty for the method that its tolerance needs."""
     if cylinder in component.rods or cylinder.deviations is None:
         return ""
@@ -132,12 +132,12 @@ def _choose_bore_method(component: Component, cylinder: Cylinder) -> str:
 def _make_diameter_dimension(cylinder: Cylinder) -> Dimension:
     """Make the dimension of a diameter with its own deviations, or the general ones."""
     if cylinder.deviations is None:
-        return _make_general_dimension(cylinder.diameter)
+        return _make_generally_toleranced_dimension(cylinder.diameter)
     upper, lower = cylinder.deviations
     return Dimension(cylinder.diameter, upper, lower)
 
 
-def _describe_bore(component: Component, cylinder: Cylinder) -> str:
+def _describe_thread_and_depth(component: Component, cylinder: Cylinder) -> str:
     """Say which thread is cut in a bore, and how deep it is where it does not go through."""
     if cylinder in component.rods:
         return ""
@@ -157,7 +157,7 @@ def _describe_bore(component: Component, cylinder: Cylinder) -> str:
     return f"{thread}, {cylinder.length * 1e3:g} mm long"
 
 
-def _make_general_dimension(length: float) -> Dimension:
+def _make_generally_toleranced_dimension(length: float) -> Dimension:
     """Make a dimension with the general tolerance of ISO 2768-m [m]."""
     deviation = find_general_deviation(length) or _UNCOVERED
     return Dimension(length, deviation, -deviation, general=True)

@@ -14,7 +14,12 @@ from stepblocks.parts.apparatus.frame import (
     SCREWS_OF_THE_SHANK_CLAMP,
     SCREWS_OF_THE_SHEATH_JAW,
 )
-from stepblocks.parts.apparatus.solids import Deviations, make_bore_mm, make_box_mm, repeat_bore
+from stepblocks.parts.apparatus.solids import (
+    Deviations,
+    make_bore_mm,
+    make_box_mm,
+    repeat_bore_along_axis,
+)
 from stepblocks.parts.characteristics import MICROMETER, FaceRule, make_characteristic
 from stepblocks.parts.tolerance import Dimension
 
@@ -47,8 +52,8 @@ _CLAMPS = (
 def yield_damping_rig_components(displacement: float) -> Iterator[Component]:
     """Yield the components of the rig; its slide lifts the shank by a displacement [m]."""
     for clamp in _CLAMPS:
-        yield _make_lower_half(clamp)
-        yield _make_upper_half(clamp)
+        yield _make_lower_clamp_half(clamp)
+        yield _make_upper_clamp_half(clamp)
     x, y = RELEASE_SCREW
     yield Component(
         "release-post",
@@ -57,15 +62,15 @@ def yield_damping_rig_components(displacement: float) -> Iterator[Component]:
         boxes=(make_box_mm((x - 6.0, y - 6.0, -30.0), (x + 6.0, y + 6.0, _SLIDE_FOOT)),),
         bores=(make_bore_mm("z", (x, y, -30.0), 3.3, 12.0, "M4"),),
     )
-    yield _make_slide(displacement)
+    yield _make_release_slide(displacement)
 
 
-def _make_lower_half(clamp: _Clamp) -> Component:
+def _make_lower_clamp_half(clamp: _Clamp) -> Component:
     """Make the half that stands on the base, with the threads of the screws."""
     start, end = clamp.middle - clamp.half_length, clamp.middle + clamp.half_length
     groove = make_bore_mm("x", (start, _AXIS_Y, 0.0), clamp.groove, end - start)
     thread = make_bore_mm("z", (clamp.middle, 0.0, -30.0), 3.3, 30.0, "M4")
-    bores = repeat_bore(thread, "y", SCREWS_OF_THE_JAWS)
+    bores = repeat_bore_along_axis(thread, "y", SCREWS_OF_THE_JAWS)
     bores.append(replace(groove, deviations=_GROOVE, inward=(0.0, 0.0, -1.0)))
     return Component(
         f"{clamp.name}-lower",
@@ -76,12 +81,12 @@ def _make_lower_half(clamp: _Clamp) -> Component:
     )
 
 
-def _make_upper_half(clamp: _Clamp) -> Component:
+def _make_upper_clamp_half(clamp: _Clamp) -> Component:
     """Make the half that is screwed on; that of the jaw has a pocket for the pressure sensor."""
     start, end = clamp.middle - clamp.half_length, clamp.middle + clamp.half_length
     groove = make_bore_mm("x", (start, _AXIS_Y, 0.0), clamp.groove, end - start)
     hole = make_bore_mm("z", (clamp.middle, 0.0, 0.0), 4.5, 12.0)
-    bores = repeat_bore(hole, "y", SCREWS_OF_THE_JAWS)
+    bores = repeat_bore_along_axis(hole, "y", SCREWS_OF_THE_JAWS)
     if clamp.has_sensor:
         bores.append(make_bore_mm("z", (clamp.middle, _AXIS_Y, 10.0), _SENSOR_POCKET, 2.0))
     bores.append(replace(groove, deviations=_GROOVE, inward=(0.0, 0.0, 1.0)))
@@ -94,7 +99,7 @@ def _make_upper_half(clamp: _Clamp) -> Component:
     )
 
 
-def _make_slide(displacement: float) -> Component:
+def _make_release_slide(displacement: float) -> Component:
     """Make the ground slide between post and shank, whose thickness lifts the shank."""
     top = -_SHANK_RADIUS + 1e3 * displacement
     x, y = RELEASE_SCREW

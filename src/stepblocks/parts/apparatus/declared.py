@@ -67,7 +67,7 @@ class Flexure(Table):
     gauge_factor: _Ratio
 
     @make_rules_validator
-    def _check_sizes(self) -> Iterator[str]:
+    def _yield_size_breaches(self) -> Iterator[str]:
         """Yield what keeps the leaves from bending as beams, or from their ends."""
         length = self.length.nominal
         thickness = self.thickness.nominal
@@ -157,7 +157,7 @@ class Apparatus(Table):
         return fields
 
     @make_rules_validator
-    def _check_sizes(self) -> Iterator[str]:
+    def _yield_size_breaches(self) -> Iterator[str]:
         """Yield what has no room in the rig."""
         if self.travel.nominal > LARGEST_TRAVEL:
             rule = "keep the hook of the cord clear of block and portal"

@@ -38,14 +38,14 @@ class FlexureFigures:
     sensitivity: float
 
 
-def compute_flexure(kit: Apparatus, weight: float | None = None) -> FlexureFigures:
+def compute_flexure_figures(kit: Apparatus, weight_mass: float | None = None) -> FlexureFigures:
     """Compute stiffness, first frequency and output of the flexure.
 
     Parameters
     ----------
     kit : Apparatus
         What is declared.
-    weight : float, optional
+    weight_mass : float, optional
         Mass of the weight on the explorer [kg]; that of the heaviest where omitted.
 
     Returns
@@ -54,9 +54,11 @@ def compute_flexure(kit: Apparatus, weight: float | None = None) -> FlexureFigur
         By Euler, Bernoulli and Timoshenko, the frequency by Rayleigh.
     """
     stiffness = LEAVES * compute_leaf_stiffness(kit.flexure)
-    mass = _find_hung_mass(kit, weight) + LEAVES * _LEAF_SHARE * _find_leaf_mass(kit.flexure)
+    mass = _compute_hung_mass(kit, weight_mass) + LEAVES * _LEAF_SHARE * _compute_leaf_mass(
+        kit.flexure
+    )
     frequency = math.sqrt(stiffness / mass) / (2.0 * math.pi)
-    return FlexureFigures(stiffness, frequency, mass, _compute_sensitivity(kit.flexure))
+    return FlexureFigures(stiffness, frequency, mass, _compute_bridge_sensitivity(kit.flexure))
 
 
 def compute_leaf_stiffness(leaf: Flexure) -> float:
@@ -87,7 +89,7 @@ def find_bending_modulus(leaf: Flexure) -> float:
     return modulus / (1.0 - leaf.poisson.value**2)
 
 
-def _compute_sensitivity(leaf: Flexure) -> float:
+def _compute_bridge_sensitivity(leaf: Flexure) -> float:
     """Compute the output of the full bridge over its supply for a newton [1/N].
 
     Each leaf carries half of the pull; its moment falls from F L / 4 at an end to none in its
@@ -100,17 +102,17 @@ def _compute_sensitivity(leaf: Flexure) -> float:
     return leaf.gauge_factor.value * strain
 
 
-def _find_leaf_mass(leaf: Flexure) -> float:
+def _compute_leaf_mass(leaf: Flexure) -> float:
     """Find the mass of one leaf [kg]."""
     density = MATERIALS["1.4301"].density
     assert density is not None  # of every material that has a key
     return density.value * leaf.length.nominal * leaf.width.nominal * leaf.thickness.nominal
 
 
-def _find_hung_mass(kit: Apparatus, weight: float | None) -> float:
+def _compute_hung_mass(kit: Apparatus, weight_mass: float | None) -> float:
     """Find the mass below the leaves [kg]: their lower end, the yoke, and all on the pivot."""
     masses = []
-    for component in list_components(kit, weight):
+    for component in list_components(kit, weight_mass):
         if component.is_on_pivot or component.name in _HUNG:
             masses.append(component.mass)
         if component.name == "flexure":

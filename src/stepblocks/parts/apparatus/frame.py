@@ -12,7 +12,7 @@ from stepblocks.parts.apparatus.solids import (
     make_bore_mm,
     make_box_mm,
     make_rod_mm,
-    repeat_bore,
+    repeat_bore_along_axis,
 )
 
 SHAFT_RISE = 11.0  # of the axes of the shafts over the lower face of the carriage
@@ -33,8 +33,8 @@ _BLOCK_SCREWS = (-6.0, 6.0)  # their x
 def yield_frame_components(carriage_low_mm: float) -> Iterator[Component]:
     """Yield the components of the frame, for a carriage whose lower face lies at a height [mm]."""
     shaft_height = carriage_low_mm + SHAFT_RISE
-    yield _make_base()
-    yield _make_seat()
+    yield _make_base_plate()
+    yield _make_block_seat()
     for name, x in _PORTALS.items():
         yield _make_portal(name, x, shaft_height)
     for name, y in SHAFTS.items():
@@ -48,7 +48,7 @@ def yield_frame_components(carriage_low_mm: float) -> Iterator[Component]:
         )
 
 
-def _make_base() -> Component:
+def _make_base_plate() -> Component:
     """Make the plate that carries everything, with a hole for each screw from below."""
     screws = [*_SEAT_SCREWS, *SCREWS_OF_THE_BRACKET, RELEASE_SCREW]
     for x in _PORTALS.values():
@@ -60,17 +60,17 @@ def _make_base() -> Component:
         bores.append(make_bore_mm("z", (x, y, -40.0), 4.5, 10.0))
     # through which the screws of the block are reached
     access = make_bore_mm("z", (0.0, 0.0, -40.0), 7.0, 10.0)
-    bores += repeat_bore(access, "x", _BLOCK_SCREWS)
+    bores += repeat_bore_along_axis(access, "x", _BLOCK_SCREWS)
     plate = make_box_mm((-130.0, -60.0, -40.0), (80.0, 100.0, -30.0))
     return Component("base", "Base plate", "aluminium", boxes=(plate,), bores=tuple(bores))
 
 
-def _make_seat() -> Component:
+def _make_block_seat() -> Component:
     """Make the seat: a block lies on it against a stop, and is screwed on from below."""
     hole = make_bore_mm("z", (0.0, 0.0, -24.0), 3.4, 16.0)
     counterbore = make_bore_mm("z", (0.0, 0.0, -30.0), 6.5, 6.0)
-    bores = repeat_bore(hole, "x", _BLOCK_SCREWS)
-    bores += repeat_bore(counterbore, "x", _BLOCK_SCREWS)
+    bores = repeat_bore_along_axis(hole, "x", _BLOCK_SCREWS)
+    bores += repeat_bore_along_axis(counterbore, "x", _BLOCK_SCREWS)
     for x, y in _SEAT_SCREWS:
         bores.append(make_bore_mm("z", (x, y, -30.0), 3.3, 12.0, "M4"))
     body = make_box_mm((-17.0, -14.0, -30.0), (12.0, 14.0, -8.0))
@@ -94,8 +94,8 @@ def _make_portal(name: str, x: float, shaft_height: float) -> Component:
         columns.append(make_box_mm((x, y - 8.0, -18.0), (x + 12.0, y + 8.0, top)))
     seat = make_bore_mm("x", (x, 0.0, shaft_height), _SHAFT, 12.0, "H7")
     thread = make_bore_mm("z", (x + 6.0, 0.0, -30.0), 3.3, 10.0, "M4")
-    bores = repeat_bore(seat, "y", SHAFTS.values())
-    bores += repeat_bore(thread, "y", _FEET_OF_THE_PORTALS)
+    bores = repeat_bore_along_axis(seat, "y", SHAFTS.values())
+    bores += repeat_bore_along_axis(thread, "y", _FEET_OF_THE_PORTALS)
     return Component(
         f"portal-{name}",
         f"Portal of the shafts, {name}",
@@ -109,7 +109,7 @@ def _make_portal(name: str, x: float, shaft_height: float) -> Component:
 def make_stand_in_block() -> Component:
     """Make the place of a step block, which the set of the blocks declares."""
     thread = make_bore_mm("z", (0.0, 0.0, -8.0), 2.5, 5.0, "M3")
-    bores = repeat_bore(thread, "x", _BLOCK_SCREWS)
+    bores = repeat_bore_along_axis(thread, "x", _BLOCK_SCREWS)
     return Component(
         "block",
         "Step block",

@@ -48,10 +48,10 @@ class _Pair:
 
 def find_interferences(components: Sequence[Component], travel: float) -> list[Interference]:
     """Find all pairs of components that share volume somewhere on the travel [m]."""
-    bodies = {component.name: component.build() for component in components}
+    bodies = {component.name: component.build_solid() for component in components}
     found = []
-    for pair in _yield_pairs(components, travel):
-        if not _boxes_overlap(pair):
+    for pair in _yield_pairs_over_travel(components, travel):
+        if not _has_overlapping_boxes(pair):
             continue
         volume = _compute_shared_volume(pair, bodies)
         if volume > _TOUCHING:
@@ -59,7 +59,7 @@ def find_interferences(components: Sequence[Component], travel: float) -> list[I
     return found
 
 
-def _yield_pairs(components: Sequence[Component], travel: float) -> Iterator[_Pair]:
+def _yield_pairs_over_travel(components: Sequence[Component], travel: float) -> Iterator[_Pair]:
     """Yield all pairs at the middle of the travel, then what moves beside what stands."""
     for first, second in itertools.combinations(components, 2):
         yield _Pair(first, second, 0.0)
@@ -76,16 +76,16 @@ def _yield_pairs(components: Sequence[Component], travel: float) -> Iterator[_Pa
             yield _Pair(first, second, position)
 
 
-def _boxes_overlap(pair: _Pair) -> bool:
+def _has_overlapping_boxes(pair: _Pair) -> bool:
     """Tell whether the boxes around a pair overlap."""
     first = pair.first.bounding_box.move((pair.position, 0.0, 0.0))
-    return _overlap(first, pair.second.bounding_box)
+    return _share_volume(first, pair.second.bounding_box)
 
 
-def _overlap(box: Box, obstacle: Box) -> bool:
+def _share_volume(first: Box, second: Box) -> bool:
     """Tell whether two boxes share volume; those that only touch do not."""
     for axis in range(3):
-        if box.high[axis] <= obstacle.low[axis] or obstacle.high[axis] <= box.low[axis]:
+        if first.high[axis] <= second.low[axis] or second.high[axis] <= first.low[axis]:
             return False
     return True
 

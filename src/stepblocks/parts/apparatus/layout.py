@@ -8,7 +8,7 @@ from stepblocks.parts.apparatus.damping_rig import yield_damping_rig_components
 from stepblocks.parts.apparatus.declared import Apparatus
 from stepblocks.parts.apparatus.frame import make_stand_in_block, yield_frame_components
 from stepblocks.parts.apparatus.probe_arm import (
-    find_carriage_height_mm,
+    compute_carriage_height_mm,
     make_flexure,
     yield_balanced_arm_components,
     yield_carriage_components,
@@ -25,14 +25,14 @@ class Stage:
     components: Sequence[Component]
 
 
-def list_stages(kit: Apparatus, weight: float | None = None) -> list[Stage]:
+def list_assembly_stages(kit: Apparatus, weight_mass: float | None = None) -> list[Stage]:
     """List the stages of the assembly, with the components where they stand.
 
     Parameters
     ----------
     kit : Apparatus
         What is declared.
-    weight : float, optional
+    weight_mass : float, optional
         Mass of the weight on the explorer [kg]; that of the heaviest where omitted.
 
     Returns
@@ -41,9 +41,9 @@ def list_stages(kit: Apparatus, weight: float | None = None) -> list[Stage]:
         In the frame of the rig, at the middle of the travel: x along the drag, y along the edge, z
         up; the tip touches at the origin.
     """
-    if weight is None:
-        weight = max(kit.normal_weights)
-    carriage_low_mm = find_carriage_height_mm(kit.flexure)
+    if weight_mass is None:
+        weight_mass = max(kit.normal_weights)
+    carriage_low_mm = compute_carriage_height_mm(kit.flexure)
     flexure_and_pivot = [make_flexure(kit.flexure), *yield_yoke_components()]
     block_and_pull = [make_stand_in_block(), *yield_pull_components()]
     damping_rig = yield_damping_rig_components(kit.displacement.value)
@@ -51,21 +51,21 @@ def list_stages(kit: Apparatus, weight: float | None = None) -> list[Stage]:
         Stage("frame", list(yield_frame_components(carriage_low_mm))),
         Stage("carriage", list(yield_carriage_components(carriage_low_mm))),
         Stage("flexure and pivot", flexure_and_pivot),
-        Stage("arm", list(yield_balanced_arm_components(weight))),
+        Stage("arm", list(yield_balanced_arm_components(weight_mass))),
         Stage("block and pull", block_and_pull),
         Stage("damping rig", list(damping_rig)),
     ]
 
 
-def list_components(kit: Apparatus, weight: float | None = None) -> list[Component]:
-    """List the components of a kit, in the order of its parts list; see `list_stages`."""
+def list_components(kit: Apparatus, weight_mass: float | None = None) -> list[Component]:
+    """List the components of a kit, in the order of its parts list; see `list_assembly_stages`."""
     components: list[Component] = []
-    for stage in list_stages(kit, weight):
+    for stage in list_assembly_stages(kit, weight_mass):
         components += stage.components
     return components
 
 
-def list_made_names(kit: Apparatus) -> list[str]:
+def list_made_component_names(kit: Apparatus) -> list[str]:
     """List the names of the components of a kit that are made, not bought."""
     return [component.name for component in list_components(kit) if component.is_made]
 

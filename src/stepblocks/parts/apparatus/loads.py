@@ -91,16 +91,16 @@ def _combine_stds(components: Iterable[ErrorComponent]) -> float:
     return math.hypot(*stds)
 
 
-def compute_normal_load(kit: Apparatus, mass: float) -> Load:
+def compute_normal_load(kit: Apparatus, weight_mass: float) -> Load:
     """Compute with what force a weight [kg] presses the tip on a level block.
 
     The arm is balanced without the weight, so that the force is that of the weight alone. The
     friction of the pivot has the sign of the last movement.
     """
     gravity = kit.gravity.value
-    force = mass * gravity
+    force = weight_mass * gravity
     carried = []
-    for component in list_components(kit, mass):
+    for component in list_components(kit, weight_mass):
         if component.is_on_pivot:
             carried.append(component)
     counterweight = _find_component(carried, "counterweight")
@@ -116,7 +116,7 @@ def compute_normal_load(kit: Apparatus, mass: float) -> Load:
         ErrorComponent(ErrorSource.BALANCE, unbalanced),
         ErrorComponent(ErrorSource.PIVOT, pivot, is_common=False),
     )
-    return Load(mass, force, budget)
+    return Load(weight_mass, force, budget)
 
 
 def _sum_masses(components: Iterable[Component]) -> float:
@@ -132,7 +132,7 @@ def _find_component(components: Iterable[Component], name: str) -> Component:
     raise LookupError(name)
 
 
-def compute_pull(kit: Apparatus, mass: float) -> Load:
+def compute_pulling_load(kit: Apparatus, weight_mass: float) -> Load:
     """Compute with what force a weight [kg] pulls on its hanger, less what the bearings take.
 
     A cord that turns by a right angle presses its pulley with the square root of 2 of its tension.
@@ -140,7 +140,7 @@ def compute_pull(kit: Apparatus, mass: float) -> Load:
     gravity = kit.gravity.value
     components = list_components(kit)
     hanger = _find_component(components, "weight-hanger")
-    weight = (mass + hanger.mass) * gravity
+    weight = (weight_mass + hanger.mass) * gravity
     ratio = PULLEY_BORE / PULLEY_DIAMETER
     pulley = math.sqrt(2.0) * weight * kit.friction.pulley.value * ratio
     moving = []
@@ -154,10 +154,10 @@ def compute_pull(kit: Apparatus, mass: float) -> Load:
         ErrorComponent(ErrorSource.PULLEY, _SCATTER_OF_FRICTION * pulley),
         ErrorComponent(ErrorSource.CARRIAGE, _SCATTER_OF_FRICTION * carriage),
     )
-    return Load(mass, weight - pulley - carriage, budget)
+    return Load(weight_mass, weight - pulley - carriage, budget)
 
 
-def find_largest_common_std(kit: Apparatus) -> float:
+def find_largest_common_load_std(kit: Apparatus) -> float:
     """Find the largest uncertainty of a normal load that is the same in all trials [N]."""
     stds = []
     for mass in kit.normal_weights:

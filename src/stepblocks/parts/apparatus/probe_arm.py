@@ -17,7 +17,7 @@ from stepblocks.parts.apparatus.solids import (
     make_bore_mm,
     make_box_mm,
     make_rod_mm,
-    repeat_bore,
+    repeat_bore_along_axis,
 )
 from stepblocks.parts.characteristics import (
     MICROMETER,
@@ -50,42 +50,44 @@ _COUNTERWEIGHT_PLACE = -85.0  # x of its middle, about
 WEIGHT_NAME = "weight"
 
 
-def find_carriage_height_mm(leaf: Flexure) -> float:
+def compute_carriage_height_mm(leaf: Flexure) -> float:
     """Find the height of the lower face of the carriage over the tip [mm]."""
     return _FOOT + 1e3 * leaf.length.nominal + _END
 
 
-def yield_balanced_arm_components(weight: float) -> Iterator[Component]:
+def yield_balanced_arm_components(weight_mass: float) -> Iterator[Component]:
     """Yield the arm with clamp and explorer, a weight [kg] on it, and what balances it."""
     arm = list(_yield_arm_components())
     yield from arm
-    yield _make_weight(weight)
+    yield _make_weight(weight_mass)
     rod = _make_balance_rod()
     yield rod
     yield _make_counterweight([*arm, rod])
 
 
-def yield_carriage_components(low_mm: float) -> Iterator[Component]:
+def yield_carriage_components(carriage_low_mm: float) -> Iterator[Component]:
     """Yield the carriage with its linear bearings and the hook of the cord.
 
     Its lower face lies at a height [mm].
     """
-    axis_height = low_mm + SHAFT_RISE
+    axis_height = carriage_low_mm + SHAFT_RISE
     bearing = make_bore_mm("x", (-63.0, 0.0, axis_height), 15.0, 46.0, "H7")
-    hole = make_bore_mm("z", (0.0, 0.0, low_mm), 3.4, 22.0)
-    thread = make_bore_mm("x", (-23.0, 0.0, low_mm + 6.0), 2.5, 6.0, "M3")
-    bores = repeat_bore(bearing, "y", SHAFTS.values())
-    bores += repeat_bore(hole, "x", _SCREWS)
-    bores += repeat_bore(thread, "y", _HOOK_SCREWS)
+    hole = make_bore_mm("z", (0.0, 0.0, carriage_low_mm), 3.4, 22.0)
+    thread = make_bore_mm("x", (-23.0, 0.0, carriage_low_mm + 6.0), 2.5, 6.0, "M3")
+    bores = repeat_bore_along_axis(bearing, "y", SHAFTS.values())
+    bores += repeat_bore_along_axis(hole, "x", _SCREWS)
+    bores += repeat_bore_along_axis(thread, "y", _HOOK_SCREWS)
     yield Component(
         "carriage",
         "Carriage",
         "aluminium",
-        boxes=(make_box_mm((-63.0, -42.0, low_mm), (-17.0, 42.0, low_mm + 22.0)),),
+        boxes=(
+            make_box_mm((-63.0, -42.0, carriage_low_mm), (-17.0, 42.0, carriage_low_mm + 22.0)),
+        ),
         bores=tuple(bores),
         is_moving=True,
     )
-    yield _make_hook(low_mm)
+    yield _make_hook(carriage_low_mm)
     for name, y in SHAFTS.items():
         tube = make_rod_mm("x", (-62.5, y, axis_height), 15.0, 45.0)
         yield Component(
@@ -113,7 +115,7 @@ def _make_hook(carriage_low_mm: float) -> Component:
     beam = make_box_mm((-13.0, -4.0, carriage_low_mm + 2.0), (29.0, 4.0, carriage_low_mm + 10.0))
     post = make_box_mm((21.0, -4.0, -4.0), (29.0, 4.0, carriage_low_mm + 2.0))
     hole = make_bore_mm("x", (-17.0, 0.0, carriage_low_mm + 6.0), 3.4, 4.0)
-    bores = repeat_bore(hole, "y", _HOOK_SCREWS)
+    bores = repeat_bore_along_axis(hole, "y", _HOOK_SCREWS)
     bores.append(make_bore_mm("x", (21.0, 0.0, 0.0), 1.5, 8.0))
     return Component(
         "hook",
@@ -136,14 +138,14 @@ def make_flexure(leaf: Flexure) -> Component:
             make_box_mm((_PIVOT - _HALF_END, -10.0, low), (_PIVOT + _HALF_END, 10.0, low + _END))
         )
         thread = make_bore_mm("z", (0.0, 0.0, low), 2.5, _END, "M3")
-        screws += repeat_bore(thread, "x", _SCREWS)
+        screws += repeat_bore_along_axis(thread, "x", _SCREWS)
     return Component(
         "flexure",
         "Flexure with strain gauges",
         "1.4301",
         boxes=(*ends, *_make_leaves(leaf)),
         bores=tuple(screws),
-        held=tuple(_yield_leaf_distances(leaf)),
+        held=tuple(_yield_leaf_characteristics(leaf)),
         is_moving=True,
     )
 
@@ -162,7 +164,7 @@ def _make_leaves(leaf: Flexure) -> list[Box]:
     return leaves
 
 
-def _yield_leaf_distances(leaf: Flexure) -> Iterator[Characteristic]:
+def _yield_leaf_characteristics(leaf: Flexure) -> Iterator[Characteristic]:
     """Yield the distances of the flexure that decide its stiffness and its output."""
     rear, front = _make_leaves(leaf)
     rear_x, rear_y, foot = rear.low
@@ -170,26 +172,36 @@ def _yield_leaf_distances(leaf: Flexure) -> Iterator[Characteristic]:
     on_leaf = (rear_x, 0.0, foot + 1e-3)
     beside_leaf = (rear_x - 1e-3, 0.0, foot)
     on_rear_side = (0.5 * (rear_x + rear.high[0]), rear_y, foot + 1e-3)
-    yield _hold_distance("leaf_length", "length of the leaves", 2, leaf.length, beside_leaf)
-    yield _hold_distance("leaf_width", "width of the leaves", 1, leaf.width, on_rear_side)
-    yield _hold_distance("leaf_1", "thickness of the rear leaf", 0, leaf.thickness, on_leaf)
+    yield _make_held_distance_characteristic(
+        "leaf_length", "length of the leaves", 2, leaf.length, beside_leaf
+    )
+    yield _make_held_distance_characteristic(
+        "leaf_width", "width of the leaves", 1, leaf.width, on_rear_side
+    )
+    yield _make_held_distance_characteristic(
+        "leaf_1", "thickness of the rear leaf", 0, leaf.thickness, on_leaf
+    )
     on_front = (front_x, 0.0, foot + 1e-3)
-    yield _hold_distance("leaf_2", "thickness of the front leaf", 0, leaf.thickness, on_front)
-    yield _hold_distance("leaf_spacing", "from leaf to leaf", 0, leaf.spacing, on_leaf)
+    yield _make_held_distance_characteristic(
+        "leaf_2", "thickness of the front leaf", 0, leaf.thickness, on_front
+    )
+    yield _make_held_distance_characteristic(
+        "leaf_spacing", "from leaf to leaf", 0, leaf.spacing, on_leaf
+    )
 
 
-def _hold_distance(
-    key: str, label: str, axis: int, size: Dimension, start: Point3
+def _make_held_distance_characteristic(
+    key: str, label: str, axis: int, size: Dimension, point_on_first_face: Point3
 ) -> Characteristic:
     """State a distance of two plane faces with a tolerance of its own.
 
-    The faces contain the coordinates of `start` [m], the second but for that along the axis, along
-    which it lies higher.
+    The faces contain the coordinates of `point_on_first_face` [m], the second but for that along
+    the axis, along which it lies higher.
     """
-    holds = dict(enumerate(start))
+    holds = dict(enumerate(point_on_first_face))
     del holds[axis]
-    first = FaceRule("PLANE", axis, start[axis], holds=holds)
-    second = FaceRule("PLANE", axis, start[axis] + size.nominal, holds=holds)
+    first = FaceRule("PLANE", axis, point_on_first_face[axis], holds=holds)
+    second = FaceRule("PLANE", axis, point_on_first_face[axis] + size.nominal, holds=holds)
     return make_characteristic(key, "distance", size, first, second, label=label, method=MICROMETER)
 
 
@@ -201,9 +213,9 @@ def yield_yoke_components() -> Iterator[Component]:
     hole = make_bore_mm("z", (0.0, 0.0, 28.0), 3.4, 8.0)
     bearing = make_bore_mm("y", (_PIVOT, 0.0, 0.0), 10.0, 4.0, "H7")
     relief = make_bore_mm("y", (_PIVOT, 0.0, 0.0), 7.0, 2.0)
-    bores = repeat_bore(hole, "x", _SCREWS)
-    bores += repeat_bore(bearing, "y", (-11.0, 7.0))
-    bores += repeat_bore(relief, "y", (-7.0, 5.0))
+    bores = repeat_bore_along_axis(hole, "x", _SCREWS)
+    bores += repeat_bore_along_axis(bearing, "y", (-11.0, 7.0))
+    bores += repeat_bore_along_axis(relief, "y", (-7.0, 5.0))
     yield Component(
         "yoke",
         "Yoke of the pivot",
@@ -253,7 +265,7 @@ def _yield_arm_components() -> Iterator[Component]:
         is_on_pivot=True,
     )
     hole = make_bore_mm("x", (0.0, 0.0, _ARM_HEIGHT), 2.9, 5.0)
-    holes = repeat_bore(hole, "y", (-5.0, 5.0))
+    holes = repeat_bore_along_axis(hole, "y", (-5.0, 5.0))
     holes.append(replace(grip, inward=(1.0, 0.0, 0.0)))
     yield Component(
         "explorer-clamp",
@@ -292,7 +304,7 @@ def _make_weight(mass: float) -> Component:
     """Make a weight [kg] on the shank of the explorer, as high as its mass asks for."""
     rod = make_rod_mm("z", (0.0, 0.0, _WEIGHT_FOOT), _WEIGHT, 1.0)
     bore = make_bore_mm("z", (0.0, 0.0, _WEIGHT_FOOT), _WEIGHT_BORE, 1.0)
-    length = mass / _find_density("brass") * 1e-3 / (rod.volume - bore.volume)
+    length = mass / _get_material_density("brass") * 1e-3 / (rod.volume - bore.volume)
     return Component(
         WEIGHT_NAME,
         "Weight",
@@ -329,7 +341,7 @@ def _make_counterweight(carried: list[Component]) -> Component:
     moment = math.fsum(moments)  # [kg m]
     usual_lever = -ARM - 1e-3 * _COUNTERWEIGHT_PLACE  # [m]
     area = 0.25 * math.pi * 1e-6 * (_COUNTERWEIGHT**2 - _BALANCE_ROD**2)  # [m^2]
-    mass_per_length = area * _find_density("brass")  # [kg/m]
+    mass_per_length = area * _get_material_density("brass")  # [kg/m]
     length = round(1e4 * moment / usual_lever / mass_per_length) / 10.0
     lever = moment / (1e-3 * length * mass_per_length)  # [m]
     start = (-1e3 * (ARM + lever) - 0.5 * length, 0.0, _ARM_HEIGHT)
@@ -344,8 +356,8 @@ def _make_counterweight(carried: list[Component]) -> Component:
     )
 
 
-def _find_density(material: str) -> float:
+def _get_material_density(material_key: str) -> float:
     """Find the density of a material that a file may name [kg/m^3]."""
-    density = MATERIALS[material].density
+    density = MATERIALS[material_key].density
     assert density is not None  # of every material that has a key
     return density.value

@@ -12,7 +12,7 @@ from stepblocks.parts.apparatus.solids import (
     make_bore_mm,
     make_box_mm,
     make_rod_mm,
-    repeat_bore,
+    repeat_bore_along_axis,
 )
 
 PULLEY_DIAMETER = 20e-3  # [m]
@@ -24,7 +24,7 @@ _H6 = Deviations(0.0, -6e-6)  # of a pin up to 3 mm (ISO 286-2) [m]
 def yield_pull_components() -> Iterator[Component]:
     """Yield the components that pull at the hook of the carriage, from pulley to hanger."""
     x, z = _AXIS
-    yield _make_bracket()
+    yield _make_pulley_bracket()
     wheel = make_rod_mm("y", (x, -2.0, z), 1e3 * PULLEY_DIAMETER, 4.0)
     yield Component(
         "pulley",
@@ -46,14 +46,14 @@ def yield_pull_components() -> Iterator[Component]:
     yield Component("weight-hanger", "Weight hanger", "brass", rods=(plate, stem))
 
 
-def _make_bracket() -> Component:
+def _make_pulley_bracket() -> Component:
     """Make the bracket: two cheeks on a foot."""
     x, z = _AXIS
     left = make_box_mm((64.0, -8.0, -30.0), (80.0, -4.0, -2.0))
     right = make_box_mm((64.0, 4.0, -30.0), (80.0, 8.0, -2.0))
     foot = make_box_mm((64.0, -4.0, -30.0), (80.0, 4.0, -24.0))
     bearing = make_bore_mm("y", (x, 0.0, z), 1e3 * PULLEY_BORE, 4.0, "H7")
-    bores = repeat_bore(bearing, "y", (-8.0, 4.0))
+    bores = repeat_bore_along_axis(bearing, "y", (-8.0, 4.0))
     for screw_x, screw_y in SCREWS_OF_THE_BRACKET:
         bores.append(make_bore_mm("z", (screw_x, screw_y, -30.0), 3.3, 10.0, "M4"))
     return Component(

@@ -46,7 +46,7 @@ class Box:
     @property
     def centre(self) -> Point3:
         """Its middle [m]."""
-        return _find_middle(self.low, self.high)
+        return _compute_midpoint(self.low, self.high)
 
     @property
     def sizes(self) -> Point3:
@@ -55,11 +55,11 @@ class Box:
         high_x, high_y, high_z = self.high
         return high_x - low_x, high_y - low_y, high_z - low_z
 
-    def move(self, by: Point3) -> "Box":
+    def move(self, shift: Point3) -> "Box":
         """Return it elsewhere [m]."""
-        return Box(add_points(self.low, by), add_points(self.high, by))
+        return Box(add_points(self.low, shift), add_points(self.high, shift))
 
-    def build(self) -> cad.door.Body:
+    def build_solid(self) -> cad.door.Body:
         """Build it as a solid."""
         return cad.kernel.make_box(self.low, self.high)
 
@@ -120,26 +120,26 @@ class Cylinder:
     @property
     def end(self) -> Point3:
         """Middle of the end with the higher coordinate [m]."""
-        return _shift(self.start, self.axis_index, self.length)
+        return _shift_along_axis(self.start, self.axis_index, self.length)
 
     @property
     def middle(self) -> Point3:
         """Middle of the whole cylinder [m]."""
-        return _find_middle(self.start, self.end)
+        return _compute_midpoint(self.start, self.end)
 
     @property
-    def box(self) -> Box:
+    def bounding_box(self) -> Box:
         """The box around it."""
         low, high = self.start, self.end
         for k in self.cross_axis_indices:
-            low = _shift(low, k, -0.5 * self.diameter)
-            high = _shift(high, k, 0.5 * self.diameter)
+            low = _shift_along_axis(low, k, -0.5 * self.diameter)
+            high = _shift_along_axis(high, k, 0.5 * self.diameter)
         return Box(low, high)
 
     @property
-    def inner_box(self) -> Box:
+    def inward_box(self) -> Box:
         """The box around what lies in the part."""
-        box = self.box
+        box = self.bounding_box
         if self.inward is None:
             return box
         low, high = list(box.low), list(box.high)
@@ -166,23 +166,25 @@ class Cylinder:
         offset = 2.0 * self.diameter / (3.0 * math.pi)
         return add_points(self.middle, _scale_point(self.inward, offset))
 
-    def move(self, by: Point3) -> "Cylinder":
+    def move(self, shift: Point3) -> "Cylinder":
         """Return it elsewhere [m]."""
-        return replace(self, start=add_points(self.start, by))
+        return replace(self, start=add_points(self.start, shift))
 
-    def build(self) -> cad.door.Body:
+    def build_solid(self) -> cad.door.Body:
         """Build it as a solid."""
         radius = 0.5 * self.diameter
         first, second = self.cross_axis_indices
-        u = _shift((0.0, 0.0, 0.0), first, radius)
-        v = _shift((0.0, 0.0, 0.0), second, radius)
+        u = _shift_along_axis((0.0, 0.0, 0.0), first, radius)
+        v = _shift_along_axis((0.0, 0.0, 0.0), second, radius)
         circle = cad.kernel.outline_circle(self.start, u, v)
-        return cad.kernel.extrude(circle, _shift((0.0, 0.0, 0.0), self.axis_index, self.length))
+        return cad.kernel.extrude(
+            circle, _shift_along_axis((0.0, 0.0, 0.0), self.axis_index, self.length)
+        )
 
 
-def add_points(point: Point3, by: Point3) -> Point3:
+def add_points(point: Point3, offset: Point3) -> Point3:
     """Add two points, coordinate by coordinate."""
-    return point[0] + by[0], point[1] + by[1], point[2] + by[2]
+    return point[0] + offset[0], point[1] + offset[1], point[2] + offset[2]
 
 
 def _scale_point(point: Point3, factor: float) -> Point3:
@@ -191,15 +193,15 @@ def _scale_point(point: Point3, factor: float) -> Point3:
     return factor * x, factor * y, factor * z
 
 
-def _find_middle(low: Point3, high: Point3) -> Point3:
+def _compute_midpoint(low: Point3, high: Point3) -> Point3:
     """Find the point halfway between two others."""
     return _scale_point(add_points(low, high), 0.5)
 
 
-def _shift(point: Point3, axis: int, by: float) -> Point3:
+def _shift_along_axis(point: Point3, axis_index: int, distance: float) -> Point3:
     """Shift a point along an axis [m]."""
     coordinates = list(point)
-    coordinates[axis] += by
+    coordinates[axis_index] += distance
     x, y, z = coordinates
     return x, y, z
 
@@ -251,7 +253,9 @@ def make_bore_mm(
     )
 
 
-def repeat_bore(bore: Cylinder, axis: Axis, places_mm: Iterable[float]) -> list[Cylinder]:
+def repeat_bore_along_axis(
+    bore: Cylinder, axis: Axis, places_mm: Iterable[float]
+) -> list[Cylinder]:
     """Repeat a bore at several places.
 
     They differ from `bore` in the coordinate along an axis, which is one of `places_mm`.

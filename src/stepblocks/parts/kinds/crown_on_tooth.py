@@ -13,8 +13,8 @@ from stepblocks.parts.characteristics import (
     EdgeRule,
     FaceRule,
     Rule,
-    describe_plane,
     make_characteristic,
+    make_plane_rule,
 )
 from stepblocks.parts.declared import (
     Table,
@@ -43,7 +43,7 @@ from stepblocks.parts.revolution import (
     list_outline_points,
     list_ring_points,
     make_frusta,
-    make_sectors,
+    turn_cell_into_sectors,
 )
 from stepblocks.parts.shapes import make_hull
 from stepblocks.parts.tolerance import Angle, Dimension, Length, PositiveLength
@@ -72,7 +72,7 @@ class FinishLine(Table):
     width: Length = declare_default("1 mm", "0.05 mm")
 
     @make_rules_validator
-    def _check_width_of_its_kind(self) -> Iterator[str]:
+    def _yield_width_breaches(self) -> Iterator[str]:
         width = self.width.nominal
         text = format_quantity(width, "length")
         if self.kind == "feather-edge":
@@ -158,11 +158,11 @@ class CrownOnTooth(CrownMargin, Turned):
             self.internal_gap.nominal,
             self.shell_thickness.nominal,
             self.outer_radius,
-            self.corner,
+            self.margin_outline,
         )
 
     @property
-    def floor_depth_and_slope(self) -> tuple[float, float]:
+    def gap_floor_depth_and_slope(self) -> tuple[float, float]:
         return self.finish_line.width.nominal, math.tan(self.taper.nominal)
 
     @property
@@ -179,7 +179,7 @@ class CrownOnTooth(CrownMargin, Turned):
         return self.margin_radius.nominal + self.horizontal_discrepancy.nominal
 
     def outlines(self) -> list[Outline]:
-        return [self.preparation.outline(), self.seated_crown.outline()]
+        return [self.preparation.outline_half_section(), self.seated_crown.outline_half_section()]
 
     def hulls(self) -> list[Manifold]:
         # frusta of the tooth, the crown's roof, and sectors of its wall in level slices
@@ -189,16 +189,16 @@ class CrownOnTooth(CrownMargin, Turned):
             *list_ring_points(outer, crown.inner_roof_height),
             *list_ring_points(outer, crown.outer_roof_height),
         ]
-        pieces = [*make_frusta(self.preparation.outline()), make_hull(roof)]
+        pieces = [*make_frusta(self.preparation.outline_half_section()), make_hull(roof)]
         for cell in self._list_wall_cells():
-            pieces += make_sectors(cell)
+            pieces += turn_cell_into_sectors(cell)
         return pieces
 
     def _list_wall_cells(self) -> list[list[Point]]:
         """Cut the half section of the crown's wall into convex cells (radius, height) [m]."""
         outer = self.outer_radius
         gap = self.marginal_gap.nominal
-        points = list_outline_points(self.seated_crown.outline(), PIECE_DEFLECTION)
+        points = list_outline_points(self.seated_crown.outline_half_section(), PIECE_DEFLECTION)
         fitting = points[1 : points.index((outer, self.seated_crown.outer_roof_height))]
         cells = []
         for upper, lower in itertools.pairwise(fitting):
@@ -231,28 +231,28 @@ class CrownOnTooth(CrownMargin, Turned):
             outside,
             label="diameter at the margin",
         ).doubled
-        yield from self._yield_tooth_heights()
-        yield self._state_crown_diameter()
+        yield from self._yield_tooth_height_characteristics()
+        yield self._make_crown_diameter_characteristic()
         crown = self.seated_crown
         yield make_characteristic(
             "shell_thickness",
             "distance",
             self.shell_thickness,
-            describe_plane(2, crown.inner_roof_height),
-            describe_plane(2, crown.outer_roof_height),
+            make_plane_rule(2, crown.inner_roof_height),
+            make_plane_rule(2, crown.outer_roof_height),
             body=_CROWN,
         )
-        yield self._state_finish_line(outside)
+        yield self._make_finish_line_characteristic(outside)
         yield from self._yield_seated_characteristics()
 
-    def _yield_tooth_heights(self) -> Iterator[Characteristic]:
+    def _yield_tooth_height_characteristics(self) -> Iterator[Characteristic]:
         """Yield the heights of preparation and root, together where no shoulder parts them."""
         root = self.root_length
         height = self.preparation_height
-        top = describe_plane(2, height.nominal)
-        base = describe_plane(2, -root.nominal)
+        top = make_plane_rule(2, height.nominal)
+        base = make_plane_rule(2, -root.nominal)
         if self.finish_line.kind == "shoulder":
-            shoulder = describe_plane(2, 0.0)
+            shoulder = make_plane_rule(2, 0.0)
             yield make_characteristic("preparation_height", "distance", height, shoulder, top)
             yield make_characteristic("root_length", "distance", root, base, shoulder)
             return
@@ -264,7 +264,7 @@ class CrownOnTooth(CrownMargin, Turned):
         )
         yield replace(length, states=(root, height))
 
-    def _state_crown_diameter(self) -> Characteristic:
+    def _make_crown_diameter_characteristic(self) -> Characteristic:
         """State the diameter of the crown, which holds the horizontal discrepancy."""
         discrepancy = self.horizontal_discrepancy
         diameter = make_characteristic(
@@ -277,18 +277,18 @@ class CrownOnTooth(CrownMargin, Turned):
         ).doubled
         return replace(diameter, states=(discrepancy,))
 
-    def _state_finish_line(self, outside: FaceRule) -> Characteristic:
+    def _make_finish_line_characteristic(self, tooth_outside: FaceRule) -> Characteristic:
         """State the width of the finish line; only a shoulder has a face as wide."""
         key = "finish_line_width"
         width = self.finish_line.width
         if self.finish_line.kind == "shoulder":
-            ledge = describe_plane(2, 0.0)
+            ledge = make_plane_rule(2, 0.0)
             return make_characteristic(
                 key,
                 "distance",
                 width,
-                EdgeRule(outside, ledge),
-                EdgeRule(ledge, self._make_wall_rule(_TOOTH)),
+                EdgeRule(tooth_outside, ledge),
+                EdgeRule(ledge, self._make_axial_wall_rule(_TOOTH)),
                 label="finish line, width of the shoulder",
                 method=MICROSCOPE,
             )
@@ -300,16 +300,18 @@ class CrownOnTooth(CrownMargin, Turned):
     def _yield_seated_characteristics(self) -> Iterator[Characteristic]:
         """Yield the gaps between the two bodies, the crown seated on its tooth."""
         ceiling = self.seated_crown.inner_roof_height
-        tooth_wall = self._make_wall_rule(_TOOTH)
+        tooth_wall = self._make_axial_wall_rule(_TOOTH)
         outside = FaceRule("CYLINDER", radius=self.margin_radius.nominal, body=_TOOTH)
         cavosurface = EdgeRule(outside, self._make_ledge_rule())
-        end = describe_plane(2, self.opening.nominal, _CROWN)
-        yield self._state_marginal_gap(cavosurface, end)
-        yield self._state_opening(cavosurface, end)
+        end = make_plane_rule(2, self.opening.nominal, _CROWN)
+        yield self._make_marginal_gap_characteristic(cavosurface, end)
+        yield self._make_vertical_discrepancy_characteristic(cavosurface, end)
         # between two cones that are not parallel the gap holds at the upper end of the crown's
-        inner_wall: Rule = self._make_wall_rule(_CROWN)
+        inner_wall: Rule = self._make_axial_wall_rule(_CROWN)
         if self.finish_line.kind == "feather-edge":
-            inner_wall = EdgeRule(self._make_wall_rule(_CROWN), describe_plane(2, ceiling, _CROWN))
+            inner_wall = EdgeRule(
+                self._make_axial_wall_rule(_CROWN), make_plane_rule(2, ceiling, _CROWN)
+            )
         yield make_characteristic(
             "internal_gap", "distance", self.internal_gap, tooth_wall, inner_wall, method=_SEATED
         )
@@ -318,8 +320,8 @@ class CrownOnTooth(CrownMargin, Turned):
                 "internal_gap_roof",
                 "distance",
                 self.internal_gap,
-                describe_plane(2, self.preparation_height.nominal, _TOOTH),
-                describe_plane(2, ceiling, _CROWN),
+                make_plane_rule(2, self.preparation_height.nominal, _TOOTH),
+                make_plane_rule(2, ceiling, _CROWN),
                 label="internal gap, roof",
                 method=_SEATED,
             )
@@ -328,36 +330,43 @@ class CrownOnTooth(CrownMargin, Turned):
         ).doubled
         yield make_contact_roughness_characteristic(self.face_demands["roughness"])
 
-    def _make_wall_rule(self, body: int) -> FaceRule:
+    def _make_axial_wall_rule(self, body_index: int) -> FaceRule:
         """Make the rule of the axial wall of tooth or crown, halfway up, where no bevel is."""
         middle = 0.5 * self.preparation_height.nominal
-        return FaceRule("CONE", holds={2: middle}, body=body)
+        return FaceRule("CONE", holds={2: middle}, body=body_index)
 
     def _make_ledge_rule(self) -> FaceRule:
         """Make the rule of the face of the tooth inside the finish line."""
         if self.finish_line.kind == "shoulder":
-            return describe_plane(2, 0.0, _TOOTH)
+            return make_plane_rule(2, 0.0, _TOOTH)
         if self.finish_line.kind == "chamfer":
             return FaceRule("TORUS", body=_TOOTH)
         return FaceRule("CONE", body=_TOOTH)
 
-    def _state_marginal_gap(self, cavosurface: EdgeRule, end: FaceRule) -> Characteristic:
+    def _make_marginal_gap_characteristic(
+        self, cavosurface: EdgeRule, crown_foot: FaceRule
+    ) -> Characteristic:
         """State the marginal gap, by the faces or edges that are its own distance apart.
 
-        `end` is the foot of the crown.
+        `crown_foot` is the foot of the crown.
         """
         gap = self.marginal_gap
-        foot = describe_plane(2, gap.nominal, _CROWN)
+        foot = make_plane_rule(2, gap.nominal, _CROWN)
         faces: tuple[Rule, Rule]
         if self.finish_line.kind == "shoulder":
             faces = (self._make_ledge_rule(), foot)
         elif self.finish_line.kind == "chamfer":
             faces = (cavosurface, foot)
         else:
-            faces = (self._make_wall_rule(_TOOTH), EdgeRule(self._make_wall_rule(_CROWN), end))
+            faces = (
+                self._make_axial_wall_rule(_TOOTH),
+                EdgeRule(self._make_axial_wall_rule(_CROWN), crown_foot),
+            )
         return make_characteristic("marginal_gap", "distance", gap, *faces, method=_SEATED)
 
-    def _state_opening(self, cavosurface: EdgeRule, end: FaceRule) -> Characteristic:
+    def _make_vertical_discrepancy_characteristic(
+        self, cavosurface: EdgeRule, crown_foot: FaceRule
+    ) -> Characteristic:
         """State the way from the cavosurface angle along the path of draw to the crown's margin."""
         finish = self.finish_line.kind
         opening = self.opening
@@ -366,13 +375,15 @@ class CrownOnTooth(CrownMargin, Turned):
         if opening.nominal < 0.0:
             label = "vertical discrepancy, lip over the tooth"
             return make_characteristic(
-                key, "distance", opening, cavosurface, end, label=label, method=_SEATED
+                key, "distance", opening, cavosurface, crown_foot, label=label, method=_SEATED
             ).mirrored_to_positive
         if opening.nominal == gap or finish == "feather-edge":
-            return make_characteristic(key, "distance", opening, cavosurface, end, method=_SEATED)
+            return make_characteristic(
+                key, "distance", opening, cavosurface, crown_foot, method=_SEATED
+            )
         # the margin is where the bevel meets the outside
         if finish == "shoulder" and opening.nominal > gap:
-            ledge = describe_plane(2, 0.0, _TOOTH)
+            ledge = make_plane_rule(2, 0.0, _TOOTH)
             outside = FaceRule("CYLINDER", radius=self.outer_radius, body=_CROWN)
             middle = 0.5 * (gap + opening.nominal)
             bevel = FaceRule("CONE", holds={2: middle}, body=_CROWN)
@@ -383,11 +394,11 @@ class CrownOnTooth(CrownMargin, Turned):
 
     def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Verdict]:
         if body == _TOOTH:
-            yield from self._measure_tooth(mesh)
+            yield from self._measure_tooth_mesh(mesh)
         else:
-            yield from self._measure_crown(mesh)
+            yield from self._measure_crown_mesh(mesh)
 
-    def _measure_tooth(self, mesh: MeasuredMesh) -> Iterator[Verdict]:
+    def _measure_tooth_mesh(self, mesh: MeasuredMesh) -> Iterator[Verdict]:
         """Measure radius and height of the prepared tooth."""
         heights = mesh.vertices[:, 2]
         at_finish_line = abs(heights) < NANOMETRE
@@ -398,7 +409,7 @@ class CrownOnTooth(CrownMargin, Turned):
         top = float(heights.max())
         yield Finding("preparation height", self.preparation_height.nominal, top, 2.0 * NANOMETRE)
 
-    def _measure_crown(self, mesh: MeasuredMesh) -> Iterator[Verdict]:
+    def _measure_crown_mesh(self, mesh: MeasuredMesh) -> Iterator[Verdict]:
         """Measure the margin of the crown.
 
         It is the foot of the outer surface; a bevel goes on below it, inwards.
@@ -423,7 +434,7 @@ class CrownOnTooth(CrownMargin, Turned):
         return CloseUp(1.0, width, (self.margin_radius.nominal, width, 0.0))
 
     @make_rules_validator
-    def _check_fit_on_tooth(self) -> Iterator[str]:
+    def _yield_shape_breaches(self) -> Iterator[str]:
         """Yield what keeps preparation and crown from having a shape."""
         taper = self.taper.nominal
         if not 0.0 < taper < _LARGEST_TAPER:
@@ -459,7 +470,7 @@ class CrownOnTooth(CrownMargin, Turned):
         gap = self.marginal_gap.nominal
         opening = self.opening.nominal
         shell = self.shell_thickness.nominal
-        wall = self._compute_margin_wall()
+        wall = self._compute_margin_wall_thickness()
         if wall <= 0.0:
             rule = "leave the crown a wall at its margin"
             yield describe_breach("horizontal_discrepancy", rule, rise - wall, rise)
@@ -473,7 +484,7 @@ class CrownOnTooth(CrownMargin, Turned):
             rule = "leave a wall behind the bevel of the margin"
             yield describe_breach("vertical_discrepancy", rule, gap + wall, opening)
 
-    def _compute_margin_wall(self) -> float:
+    def _compute_margin_wall_thickness(self) -> float:
         """Compute the thickness of the crown across the path of draw at its fitting end [m]."""
         ledge = self.finish_line.width.nominal
         taper = self.taper.nominal

@@ -33,11 +33,11 @@ class Preparation:
             return self.ledge
         return 0.0
 
-    def find_wall_radius(self, height: float) -> float:
+    def compute_wall_radius(self, height: float) -> float:
         """Return the radius of the axial wall at a height [m]."""
         return self.margin_radius - self.ledge - (height - self.wall_start) * self.slope
 
-    def outline(self) -> Outline:
+    def outline_half_section(self) -> Outline:
         """Outline the half section of the tooth, from the root up."""
         radius = self.margin_radius
         ledge = self.ledge
@@ -47,7 +47,7 @@ class Preparation:
             outline.append((middle, (radius - ledge, ledge)))
         elif self.finish == "shoulder":
             outline.append((radius - ledge, 0.0))
-        outline.append((self.find_wall_radius(self.height), self.height))
+        outline.append((self.compute_wall_radius(self.height), self.height))
         outline.append((0.0, self.height))
         return outline
 
@@ -79,24 +79,24 @@ class SeatedCrown:
         """Height of its outer roof [m]."""
         return self.inner_roof_height + self.shell
 
-    def find_wall_radius(self, height: float) -> float:
+    def compute_wall_radius(self, height: float) -> float:
         """Return the radius of its inner wall at a height [m]."""
-        return self.preparation.find_wall_radius(height) + self.wall_offset
+        return self.preparation.compute_wall_radius(height) + self.wall_offset
 
-    def outline(self) -> Outline:
+    def outline_half_section(self) -> Outline:
         """Outline the half section of the crown, from its inner roof down and round."""
         outline: Outline = [
             (0.0, self.inner_roof_height),
-            (self.find_wall_radius(self.inner_roof_height), self.inner_roof_height),
+            (self.compute_wall_radius(self.inner_roof_height), self.inner_roof_height),
         ]
         if self.preparation.finish == "feather-edge":
-            outline += self._outline_feather_edge()
+            outline += self._outline_feather_edge_foot()
         else:
-            outline += self._outline_ledge()
+            outline += self._outline_ledge_foot()
         outline += [(self.outer_radius, self.outer_roof_height), (0.0, self.outer_roof_height)]
         return outline
 
-    def _outline_feather_edge(self) -> Outline:
+    def _outline_feather_edge_foot(self) -> Outline:
         """Outline the foot of the crown that runs out on the axial wall."""
         preparation = self.preparation
         opening = self.opening
@@ -104,18 +104,18 @@ class SeatedCrown:
         foot = preparation.margin_radius - opening * preparation.slope + gap
         return [(foot, opening), (self.outer_radius, opening)]
 
-    def _outline_ledge(self) -> Outline:
+    def _outline_ledge_foot(self) -> Outline:
         """Outline the foot of the crown over a shoulder or a quarter round."""
         preparation = self.preparation
         gap = self.marginal_gap
         outline: Outline = []
         if preparation.finish == "chamfer":
             foot = gap + preparation.ledge
-            wall = (self.find_wall_radius(foot), foot)
+            wall = (self.compute_wall_radius(foot), foot)
             margin = (preparation.margin_radius, gap)
             outline += [wall, (self._find_arc_middle(wall, margin), margin)]
         else:
-            outline.append((self.find_wall_radius(gap), gap))
+            outline.append((self.compute_wall_radius(gap), gap))
         corner = [(preparation.margin_radius + z, x) for x, z in self.corner]
         outline += corner
         end_radius, end_height = corner[-1]

@@ -14,7 +14,11 @@ from stepblocks.mistakes import list_mistakes
 from stepblocks.parts.apparatus.component import Component
 from stepblocks.parts.apparatus.component_characteristics import yield_component_characteristics
 from stepblocks.parts.apparatus.declared import Apparatus
-from stepblocks.parts.apparatus.layout import find_component, list_components, list_made_names
+from stepblocks.parts.apparatus.layout import (
+    find_component,
+    list_components,
+    list_made_component_names,
+)
 from stepblocks.parts.apparatus.solids import Cylinder
 from stepblocks.parts.characteristics import Characteristic
 from stepblocks.parts.declared import make_rules_validator
@@ -108,7 +112,7 @@ class KitPart(Part):
         raise ContactError(f"a part of the apparatus is not felt: no tip meets it [{self.id}]")
 
     def solids(self) -> list[cad.door.Body]:
-        return [self.placed_component.build()]
+        return [self.placed_component.build_solid()]
 
     def volumes(self) -> tuple[float, ...]:
         return (self.placed_component.volume,)
@@ -119,8 +123,8 @@ class KitPart(Part):
 
     def hulls(self) -> list[Manifold]:
         shape = self.placed_component
-        hulls = [make_hull(_list_corners(box.low, box.high)) for box in shape.boxes]
-        hulls += [make_hull(_list_rod_corners(rod)) for rod in shape.rods]
+        hulls = [make_hull(_list_box_corners(box.low, box.high)) for box in shape.boxes]
+        hulls += [make_hull(_list_rod_prism_corners(rod)) for rod in shape.rods]
         return hulls
 
     def characteristics(self) -> Iterator[Characteristic]:
@@ -161,9 +165,9 @@ class KitPart(Part):
                 yield name, dimension
 
     @make_rules_validator
-    def _check_component(self) -> Iterator[str]:
+    def _yield_component_breaches(self) -> Iterator[str]:
         """Yield that the kit has no such part that is made."""
-        made = list_made_names(self.kit)
+        made = list_made_component_names(self.kit)
         if self.component not in made:
             yield f"component must be one of {', '.join(made)}, got {self.component!r}"
 
@@ -177,7 +181,7 @@ def _read_kit(stanza: Mapping[str, object]) -> Apparatus:
         raise StimulusError("; ".join(text for _, text in mistakes)) from error
 
 
-def _list_corners(low: Point3, high: Point3) -> list[Point3]:
+def _list_box_corners(low: Point3, high: Point3) -> list[Point3]:
     """List the eight corners of a box [m]."""
     corners = []
     for x in (low[0], high[0]):
@@ -187,7 +191,7 @@ def _list_corners(low: Point3, high: Point3) -> list[Point3]:
     return corners
 
 
-def _list_rod_corners(rod: Cylinder) -> list[Point3]:
+def _list_rod_prism_corners(rod: Cylinder) -> list[Point3]:
     """List the corners of a prism along a rod that has its volume [m]."""
     turn = 2.0 * np.pi / SECTORS
     # circumscribed circle of the polygon that is as large as the circle of the rod

@@ -9,8 +9,8 @@ from stepblocks import cad
 from stepblocks.parts.body import Block, Body, Stock
 from stepblocks.parts.body_solid import (
     WorkingFace,
-    compute_half_volume,
-    compute_section_volume,
+    compute_cutout_volume,
+    compute_half_block_volume,
     list_half_hull_points,
     make_body_cuts,
 )
@@ -19,8 +19,8 @@ from stepblocks.parts.characteristics import (
     Characteristic,
     EdgeRule,
     FaceRule,
-    describe_plane,
     make_characteristic,
+    make_plane_rule,
 )
 from stepblocks.parts.declared import (
     WorkingFaces,
@@ -88,10 +88,10 @@ class MarginBlock(CrownMargin, Block):
     working_faces: WorkingFaces | None = None
 
     @property
-    def floor_depth_and_slope(self) -> tuple[float, float]:
+    def gap_floor_depth_and_slope(self) -> tuple[float, float]:
         return self.gap_depth.nominal, 0.0
 
-    def top(self, x: float) -> float:
+    def compute_surface_height(self, x: float) -> float:
         # the uppermost of the straight lines of the section at x
         depth = self.gap_depth.nominal
         far = self.body.length.nominal
@@ -100,7 +100,7 @@ class MarginBlock(CrownMargin, Block):
             (0.0, 0.0),
             (0.0, -depth),
             (self.marginal_gap.nominal, -depth),
-            *self.corner,
+            *self.margin_outline,
             (far, self.rise),
         ]
         heights = []
@@ -112,7 +112,7 @@ class MarginBlock(CrownMargin, Block):
     def solids(self) -> list[cad.door.Body]:
         gap = self.marginal_gap.nominal
         depth = self.gap_depth.nominal
-        crest = [*reversed(self.corner), (gap, -depth), (0.0, -depth), (0.0, 0.0)]
+        crest = [*reversed(self.margin_outline), (gap, -depth), (0.0, -depth), (0.0, 0.0)]
         cuts = make_body_cuts(self.body, self.id, [WorkingFace(0.0, self.rise)])
         return [cad.kernel.cut(self.extrude_section(crest), cuts)]
 
@@ -121,14 +121,14 @@ class MarginBlock(CrownMargin, Block):
         gap = self.marginal_gap.nominal
         depth = self.gap_depth.nominal
         half = self.body.half_length
-        left = compute_half_volume(self.body, half, 0.0)
-        right = compute_half_volume(self.body, half, self.rise)
-        above = [*self.corner, (0.0, self.rise)]
+        left = compute_half_block_volume(self.body, half, 0.0)
+        right = compute_half_block_volume(self.body, half, self.rise)
+        above = [*self.margin_outline, (0.0, self.rise)]
         has_lip = self.opening.nominal < 0.0
         if has_lip:
             above = [(gap, gap), (0.0, gap)]
         gap_section = [(0.0, -depth), (gap, -depth), *above]
-        volume = left + right - compute_section_volume(self.body, self.rise, gap_section)
+        volume = left + right - compute_cutout_volume(self.body, self.rise, gap_section)
         if has_lip:
             volume += self._compute_lip_volume()
         return (volume - self.removed_volume,)
@@ -190,22 +190,22 @@ class MarginBlock(CrownMargin, Block):
         rise = self.horizontal_discrepancy
         depth = self.gap_depth
         half_length = self.body.half_length
-        tooth = describe_plane(2, 0.0, x=-0.5 * half_length)
-        crown = describe_plane(2, rise.nominal, x=0.5 * half_length)
+        tooth = make_plane_rule(2, 0.0, x=-0.5 * half_length)
+        crown = make_plane_rule(2, rise.nominal, x=0.5 * half_length)
         halfway_down = -0.5 * depth.nominal
-        wall = describe_plane(0, 0.0, z=halfway_down)
-        crown_wall = describe_plane(0, gap.nominal, z=halfway_down)
+        wall = make_plane_rule(0, 0.0, z=halfway_down)
+        crown_wall = make_plane_rule(0, gap.nominal, z=halfway_down)
         yield make_characteristic("marginal_gap", "distance", gap, wall, crown_wall, method=ACROSS)
         yield make_characteristic(
             "horizontal_discrepancy", "distance", rise, tooth, crown, method=PROFILE
         ).mirrored_to_positive
-        yield from self._yield_opening_characteristics(wall, crown)
+        yield from self._yield_vertical_discrepancy_characteristics(wall, crown)
         yield from make_form_characteristics(self.face_demands, tooth, crown, "tooth", "crown")
         yield make_characteristic(
             "gap_depth",
             "distance",
             depth,
-            describe_plane(2, -depth.nominal, x=0.5 * gap.nominal),
+            make_plane_rule(2, -depth.nominal, x=0.5 * gap.nominal),
             tooth,
             label="depth of the gap",
             method="microscope",
@@ -213,27 +213,27 @@ class MarginBlock(CrownMargin, Block):
         yield from self.yield_body_characteristics(tooth, crown, wall)
         yield make_burr_characteristic(self.face_demands["burr"], "tooth and crown")
 
-    def _yield_opening_characteristics(
-        self, wall: FaceRule, crown: FaceRule
+    def _yield_vertical_discrepancy_characteristics(
+        self, tooth_wall: FaceRule, crown_face: FaceRule
     ) -> Iterator[Characteristic]:
         """Yield what holds the way from the tooth's wall to the margin of the crown."""
         opening = self.opening
         gap = self.marginal_gap.nominal
         key = "vertical_discrepancy"
         if opening.nominal > gap:
-            yield from self._yield_bevel_characteristics(wall, crown)
+            yield from self._yield_bevel_characteristics(tooth_wall, crown_face)
         elif opening.nominal < 0.0:
-            end = describe_plane(0, opening.nominal, z=0.5 * (gap + self.rise))
+            end = make_plane_rule(0, opening.nominal, z=0.5 * (gap + self.rise))
             label = "vertical discrepancy, lip over the tooth"
             yield make_characteristic(
-                key, "distance", opening, wall, end, label=label, method=ACROSS
+                key, "distance", opening, tooth_wall, end, label=label, method=ACROSS
             ).mirrored_to_positive
-            under_lip = describe_plane(2, gap, x=0.5 * opening.nominal)
+            under_lip = make_plane_rule(2, gap, x=0.5 * opening.nominal)
             yield make_characteristic(
                 "lip_gap",
                 "distance",
                 self.marginal_gap,
-                describe_plane(2, 0.0, x=-0.5 * self.body.half_length),
+                make_plane_rule(2, 0.0, x=-0.5 * self.body.half_length),
                 under_lip,
                 label="gap under the lip, over the tooth",
                 method=ACROSS,
@@ -242,7 +242,7 @@ class MarginBlock(CrownMargin, Block):
             yield make_characteristic(key, "note", opening, method=ACROSS)
 
     def _yield_bevel_characteristics(
-        self, wall: FaceRule, crown: FaceRule
+        self, tooth_wall: FaceRule, crown_face: FaceRule
     ) -> Iterator[Characteristic]:
         """Yield place and angle of a bevelled margin."""
         opening = self.opening
@@ -250,18 +250,18 @@ class MarginBlock(CrownMargin, Block):
         middle_x = 0.5 * (gap + opening.nominal)
         middle_z = self.rise - 0.5 * (opening.nominal - gap)
         bevel = FaceRule("SLOPE", holds={0: middle_x, 2: middle_z})
-        edge = EdgeRule(bevel, crown)
+        edge = EdgeRule(bevel, crown_face)
         yield make_characteristic(
-            "vertical_discrepancy", "distance", opening, wall, edge, method=ACROSS
+            "vertical_discrepancy", "distance", opening, tooth_wall, edge, method=ACROSS
         )
         angle = Dimension(_BEVEL_ANGLE, ANGULAR_DEVIATION, -ANGULAR_DEVIATION, "angle")
         label = "bevel of the margin"
         yield make_characteristic(
-            "bevel_angle", "angle", angle, bevel, crown, label=label, method=ACROSS
+            "bevel_angle", "angle", angle, bevel, crown_face, label=label, method=ACROSS
         )
 
     def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Verdict]:
-        yield self.measure_gap(mesh, self.body.length)
+        yield self.measure_marginal_gap(mesh, self.body.length)
         opening = self.opening.nominal
         crown = mesh.measure_face_height_beside(opening, +1)
         tooth = mesh.measure_face_height_beside(
@@ -271,7 +271,7 @@ class MarginBlock(CrownMargin, Block):
         yield Finding("vertical discrepancy", opening, mesh.find_level_face_start(crown), NANOMETRE)
 
     @make_rules_validator
-    def _check_fit_in_body(self) -> Iterator[str]:
+    def _yield_fit_breaches(self) -> Iterator[str]:
         """Yield what keeps the margin from fitting the block."""
         body = self.body
         gap = self.marginal_gap.nominal
@@ -288,7 +288,7 @@ class MarginBlock(CrownMargin, Block):
         if depth >= deepest:
             rule = "be below a quarter of the thickness"
             yield describe_breach("gap_depth", rule, deepest, depth)
-        yield from self.check_engraving_and_stock()
+        yield from self.yield_engraving_and_stock_breaches()
         yield from self._yield_rise_breaches()
 
     def _yield_rise_breaches(self) -> Iterator[str]:

@@ -17,7 +17,7 @@ from stepblocks.errors import QuantityError, StimulusError
 from stepblocks.files.atomic import resolve_inside
 from stepblocks.files.confined import read_confined
 from stepblocks.parts import margin_line
-from stepblocks.parts.characteristics import Characteristic, describe_plane, make_characteristic
+from stepblocks.parts.characteristics import Characteristic, make_characteristic, make_plane_rule
 from stepblocks.parts.declared import (
     Table,
     WorkedOut,
@@ -183,7 +183,7 @@ class ScannedMargin(CrownMargin):
             identity = f"{declared.id}-{number:0{digits}}"
             yield {**stanza, "id": identity, "station": _name_station_values(number, row)}
 
-    def read_tooth(self, folder: Path, scale: float = 1.0) -> Mesh:
+    def read_tooth_mesh(self, folder: Path, magnification: float = 1.0) -> Mesh:
         """Read the surface that the margin runs along [m], magnified; islands are left out."""
         surface = read_confined(
             f"{margin_line.__name__}:read_tooth_in_worker",
@@ -193,10 +193,10 @@ class ScannedMargin(CrownMargin):
             raises=StimulusError,
         )
         name, _, _ = self.id.rpartition("-")
-        return Mesh(name, surface["vertices"] * scale, surface["triangles"])
+        return Mesh(name, surface["vertices"] * magnification, surface["triangles"])
 
     @property
-    def floor_depth_and_slope(self) -> tuple[float, float]:
+    def gap_floor_depth_and_slope(self) -> tuple[float, float]:
         return self.gap_depth.nominal, 0.0
 
     def make_counterface(self, **sizes: float) -> ProfiledMargin:
@@ -208,7 +208,7 @@ class ScannedMargin(CrownMargin):
             crown_slope=math.tan(scan.crown_slope_rad),
         )
 
-    def _list_section(self) -> list[Point]:
+    def _list_upper_outline(self) -> list[Point]:
         """List the upper outline from end to end as points (x, z) [m]."""
         half = 0.5 * self.length.nominal
         x, z = self.counterface().section(half - SIDE)
@@ -217,19 +217,19 @@ class ScannedMargin(CrownMargin):
     def solids(self) -> list[cad.door.Body]:
         half = 0.5 * self.length.nominal
         base = -self.thickness.nominal
-        outline = [(half, base), *reversed(self._list_section()), (-half, base)]
+        outline = [(half, base), *reversed(self._list_upper_outline()), (-half, base)]
         return [cad.kernel.make_prism(outline, self.width.nominal)]
 
     def volumes(self) -> tuple[float, ...]:
         thickness = self.thickness.nominal
         strips = []
-        for (x0, z0), (x1, z1) in itertools.pairwise(self._list_section()):
+        for (x0, z0), (x1, z1) in itertools.pairwise(self._list_upper_outline()):
             strips.append((x1 - x0) * (0.5 * (z0 + z1) + thickness))
         return (math.fsum(strips) * self.width.nominal,)
 
     def hulls(self) -> list[Manifold]:
         pieces = []
-        for start, end in itertools.pairwise(self._list_section()):
+        for start, end in itertools.pairwise(self._list_upper_outline()):
             start_x, _ = start
             end_x, _ = end
             if end_x > start_x:
@@ -249,8 +249,8 @@ class ScannedMargin(CrownMargin):
     def characteristics(self) -> Iterator[Characteristic]:
         gap = self.marginal_gap
         halfway_down = -0.5 * self.gap_depth.nominal
-        tooth_wall = describe_plane(0, 0.0, z=halfway_down)
-        crown_wall = describe_plane(0, gap.nominal, z=halfway_down)
+        tooth_wall = make_plane_rule(0, 0.0, z=halfway_down)
+        crown_wall = make_plane_rule(0, gap.nominal, z=halfway_down)
         yield make_characteristic(
             "marginal_gap", "distance", gap, tooth_wall, crown_wall, method=ACROSS
         )
@@ -259,13 +259,13 @@ class ScannedMargin(CrownMargin):
             if dimension is not None:
                 yield make_characteristic(name, "note", dimension, method=ACROSS)
         for axis, (name, side) in enumerate((("length", self.length), ("width", self.width))):
-            low = describe_plane(axis, -0.5 * side.nominal)
-            high = describe_plane(axis, 0.5 * side.nominal)
+            low = make_plane_rule(axis, -0.5 * side.nominal)
+            high = make_plane_rule(axis, 0.5 * side.nominal)
             yield make_characteristic(name, "distance", side, low, high)
         yield make_contact_roughness_characteristic(self.face_demands["roughness"])
 
     def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Verdict]:
-        yield self.measure_gap(mesh, self.length)
+        yield self.measure_marginal_gap(mesh, self.length)
         at_margin = abs(mesh.vertices[:, 0] - self.opening.nominal) < 5.0 * NANOMETRE
         yield Finding(
             "margin of the crown",
@@ -290,7 +290,7 @@ class ScannedMargin(CrownMargin):
         ]
 
     @make_rules_validator
-    def _check_section_can_be_made(self) -> Iterator[str]:
+    def _yield_section_breaches(self) -> Iterator[str]:
         """Yield what keeps the section of the bar from having a shape."""
         gap = self.marginal_gap.nominal
         opening = self.opening.nominal
@@ -306,7 +306,7 @@ class ScannedMargin(CrownMargin):
         under_margin = opening - gap - self.horizontal_discrepancy.nominal
         if under_margin >= depth:
             yield describe_breach("gap_depth", "reach below the margin", under_margin, depth)
-        lowest = max(depth, *(-z for _, z in self._list_section()))
+        lowest = max(depth, *(-z for _, z in self._list_upper_outline()))
         least_thickness = 2.0 * lowest
         if least_thickness >= thickness:
             rule = "be over twice the depth"
@@ -314,11 +314,11 @@ class ScannedMargin(CrownMargin):
 
 
 @lru_cache(maxsize=8)
-def _measure_stations(path: Path, changed: int, *arguments: object) -> list[list[float]]:
+def _measure_stations(path: Path, changed_ns: int, *arguments: object) -> list[list[float]]:
     """Measure the stations of a mesh in a confined process, once for each state of its file.
 
-    `changed` is when the file was changed; `arguments` are those of `measure_stations_in_worker`.
-    Returns a row for each station.
+    `changed_ns` is when the file was changed; `arguments` are those of
+    `measure_stations_in_worker`. Returns a row for each station.
     """
     reader = f"{margin_line.__name__}:measure_stations_in_worker"
     measured = read_confined(reader, path, *arguments, raises=StimulusError)

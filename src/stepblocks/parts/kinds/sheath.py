@@ -10,9 +10,9 @@ from stepblocks.parts.characteristics import (
     Characteristic,
     EdgeRule,
     FaceRule,
-    describe_plane,
     make_characteristic,
     make_edge_break_characteristic,
+    make_plane_rule,
 )
 from stepblocks.parts.declared import (
     Sourced,
@@ -31,7 +31,7 @@ from stepblocks.parts.kind import (
     Verdict,
 )
 from stepblocks.parts.material import Material
-from stepblocks.parts.revolution import Outline, Point, Turned, make_sectors
+from stepblocks.parts.revolution import Outline, Point, Turned, turn_cell_into_sectors
 from stepblocks.parts.tolerance import Length, PositiveLength
 from stepblocks.quantities import format_quantity
 
@@ -77,7 +77,7 @@ class SheathMaterial(Material):
         }
 
     @make_rules_validator
-    def _check_elasticity(self) -> Iterator[str]:
+    def _yield_elasticity_breaches(self) -> Iterator[str]:
         if self.poisson.value > _LARGEST_POISSON:
             yield f"poisson must not exceed {_LARGEST_POISSON:g}, got {self.poisson.value:g}"
 
@@ -158,9 +158,9 @@ class Sheath(Turned, HeldPart):
         return density * least, density * largest
 
     def outlines(self) -> list[Outline]:
-        return [[*self.outline()]]
+        return [[*self.outline_half_section()]]
 
-    def outline(self) -> list[Point]:
+    def outline_half_section(self) -> list[Point]:
         """Outline a half section; the near end lies at height 0."""
         bore = 0.5 * self.bore.nominal
         outer = 0.5 * self.outer_diameter.nominal
@@ -178,14 +178,14 @@ class Sheath(Turned, HeldPart):
         ]
 
     def hulls(self) -> list[Manifold]:
-        return make_sectors(self.outline())
+        return turn_cell_into_sectors(self.outline_half_section())
 
     def chordal_error(self, face: cad.door.Face) -> float:
         return FITTING_DEFLECTION
 
     def characteristics(self) -> Iterator[Characteristic]:
-        near_end = describe_plane(2, 0.0)
-        far_end = describe_plane(2, self.length.nominal)
+        near_end = make_plane_rule(2, 0.0)
+        far_end = make_plane_rule(2, self.length.nominal)
         inside = FaceRule("CYLINDER", radius=0.5 * self.bore.nominal)
         outside = FaceRule("CYLINDER", radius=0.5 * self.outer_diameter.nominal)
         yield make_characteristic("bore", "diameter", self.bore, inside, method="pin gauges")
@@ -244,7 +244,7 @@ class Sheath(Turned, HeldPart):
             )
 
     @make_rules_validator
-    def _check_sizes(self) -> Iterator[str]:
+    def _yield_size_breaches(self) -> Iterator[str]:
         """Yield what keeps the tube from having a wall."""
         bore = self.bore.nominal
         outer = self.outer_diameter.nominal

@@ -16,7 +16,7 @@ from stepblocks.parts.body import Block, Body, Stock
 from stepblocks.parts.body_solid import (
     OVER,
     WorkingFace,
-    compute_half_volume,
+    compute_half_block_volume,
     compute_slab_volume,
     list_half_hull_points,
     make_body_cuts,
@@ -28,8 +28,8 @@ from stepblocks.parts.characteristics import (
     EdgeRule,
     FaceRule,
     Rule,
-    describe_plane,
     make_characteristic,
+    make_plane_rule,
 )
 from stepblocks.parts.declared import (
     Table,
@@ -44,7 +44,7 @@ from stepblocks.parts.face_characteristics import (
     make_edge_characteristics,
     make_form_characteristics,
 )
-from stepblocks.parts.felt_tolerance import FeltTolerance, describe_felt_tolerance
+from stepblocks.parts.felt_tolerance import FeltTolerance, list_felt_tolerance_rows
 from stepblocks.parts.kind import (
     COARSE_DEFLECTION,
     CONTACT_DEFLECTION,
@@ -58,7 +58,7 @@ from stepblocks.parts.kind import (
     choose_exaggeration,
 )
 from stepblocks.parts.material import MaterialField
-from stepblocks.parts.relief import Relief, describe_untouched_balls
+from stepblocks.parts.relief import Relief, list_untouched_ball_rows
 from stepblocks.parts.revolution import Point, Point3
 from stepblocks.parts.second_step import SecondStep
 from stepblocks.parts.shapes import make_hull, split_solid
@@ -183,7 +183,7 @@ class StepBlock(Block):
     def surface_corners(self) -> tuple[float, ...]:
         corners = super().surface_corners
         if self.second_step is not None:
-            corners += self.second_step.corners
+            corners += self.second_step.corner_positions
         return corners
 
     def sample_surface(self, x: Array) -> Array:
@@ -214,31 +214,31 @@ class StepBlock(Block):
 
     def derived(self) -> list[list[str]]:
         return [
-            *describe_felt_tolerance(self.tolerance),
-            *describe_untouched_balls(self.counterface()),
+            *list_felt_tolerance_rows(self.tolerance),
+            *list_untouched_ball_rows(self.counterface()),
         ]
 
-    def top(self, x: float) -> float:
+    def compute_surface_height(self, x: float) -> float:
         # circle about (r, H - r) between the two faces
         height = self.height.nominal
         radius = self.edge_radius.nominal
         if x < 0.0:
-            return self._compute_lower_top(x)
+            return self._compute_lower_surface_height(x)
         if x >= radius and self.second_step is not None:
-            return self.second_step.compute_top(x, height)
+            return self.second_step.compute_surface_height(x, height)
         if x >= radius:
             return height
         return height - radius + math.sqrt(x * (2.0 * radius - x))
 
-    def _compute_lower_top(self, x: float) -> float:
+    def _compute_lower_surface_height(self, x: float) -> float:
         """Compute the height of the surface left of the riser [m]."""
         if self.relief is None or x < -self.relief.width.nominal:
             return 0.0
         return -self.relief.depth.nominal
 
     def solids(self) -> list[cad.door.Body]:
-        body = self.extrude_section(self._outline_crest())
-        cuts = make_body_cuts(self.body, self.id, self._list_working_faces())
+        body = self.extrude_section(self._outline_step_section())
+        cuts = make_body_cuts(self.body, self.id, self._list_upper_working_faces())
         feature = self.metrology
         if feature is not None:
             if feature.kind == "ridge":
@@ -249,19 +249,19 @@ class StepBlock(Block):
             body = cad.kernel.cut(body, cuts)
         return [body]
 
-    def _outline_crest(self) -> cad.door.Outline:
+    def _outline_step_section(self) -> cad.door.Outline:
         """Outline the step as (x, z) [m], from the upper face to the lower one."""
         height = self.height.nominal
         radius = self.edge_radius.nominal
         crest: list[object] = []
         if self.second_step is not None:
-            crest += self.second_step.outline(height)
+            crest += self.second_step.outline_section(height)
         crest.append((radius, height))
         if radius > 0.0:
             bow = radius * (1.0 - math.sqrt(0.5))
             crest.append(((bow, height - bow), (0.0, height - radius)))
         if self.relief is not None:
-            crest += self.relief.corners
+            crest += self.relief.section_corners
         elif radius < height:
             crest.append((0.0, 0.0))
         return crest
@@ -292,13 +292,13 @@ class StepBlock(Block):
     def volumes(self) -> tuple[float, ...]:
         # two halves, less the rounding, with or without the feature, less holes
         half = self.body.half_length
-        left = compute_half_volume(self.body, half, 0.0)
+        left = compute_half_block_volume(self.body, half, 0.0)
         right = self._compute_right_volume()
         volume = left + right - self._compute_rounding_volume(self.edge_radius.nominal)
         if self.metrology is not None:
-            volume += self._compute_feature_volume(self.metrology)
+            volume += self._compute_signed_feature_volume(self.metrology)
         if self.relief is not None:
-            volume -= self.relief.compute_volume(self.body)
+            volume -= self.relief.compute_removed_volume(self.body)
         return (volume - self.removed_volume,)
 
     def _compute_right_volume(self) -> float:
@@ -307,10 +307,10 @@ class StepBlock(Block):
         height = self.height.nominal
         second = self.second_step
         if second is None:
-            return compute_half_volume(self.body, half, height)
+            return compute_half_block_volume(self.body, half, height)
         distance = second.distance.nominal
         between = compute_slab_volume(self.body, distance, height)
-        behind = compute_half_volume(self.body, half - distance, height + second.rise)
+        behind = compute_half_block_volume(self.body, half - distance, height + second.rise)
         return between + behind - self._compute_rounding_volume(second.edge_radius.nominal)
 
     def _compute_rounding_volume(self, radius: float) -> float:
@@ -326,7 +326,7 @@ class StepBlock(Block):
             corners = radius**3 / 3.0
         return width * radius * radius * (1.0 - 0.25 * math.pi) - corners
 
-    def _compute_feature_volume(self, feature: MetrologyFeature) -> float:
+    def _compute_signed_feature_volume(self, feature: MetrologyFeature) -> float:
         """Compute what a ridge adds or a groove, with a negative sign, takes away [m^3].
 
         It lies between the boundary of the lane and the chamfered side, z from 0 to H. The edge
@@ -349,18 +349,20 @@ class StepBlock(Block):
         rounding = _list_rounding_points(height, radius)
         left_pieces = [left]
         if self.relief is not None:
-            left_pieces = self.relief.cut_half(left)
+            left_pieces = self.relief.split_left_half(left)
         if self.second_step is not None:
-            return [*left_pieces, *self._make_pieces_beside(self.second_step, rounding)]
+            return [*left_pieces, *self._make_pieces_beside_second_edge(self.second_step, rounding)]
         right = make_hull(list_half_hull_points(self.body, 1.0, height, rounding))
         if feature is None:
             return [*left_pieces, right]
         if feature.kind == "ridge":
             return [*left_pieces, right, make_hull(self._list_ridge_corners(feature))]
-        return [*left_pieces, *self._cut_groove(feature, right)]
+        return [*left_pieces, *self._split_half_at_groove(feature, right)]
 
-    def _make_pieces_beside(self, second: SecondStep, rounding: Sequence[Point]) -> list[Manifold]:
-        """Make the pieces before a second edge and behind it; `rounding` is that of the first."""
+    def _make_pieces_beside_second_edge(
+        self, second: SecondStep, first_rounding: Sequence[Point]
+    ) -> list[Manifold]:
+        """Make the pieces before and behind a second edge; `first_rounding` is of the first."""
         height = self.height.nominal
         radius = second.edge_radius.nominal
         distance = second.distance.nominal
@@ -373,7 +375,7 @@ class StepBlock(Block):
             foot = [(distance - x, z) for x, z in _list_rounding_points(height, radius)]
         middle = 0.5 * distance
         between = []
-        for point in list_half_hull_points(self.body, 1.0, height, rounding):
+        for point in list_half_hull_points(self.body, 1.0, height, first_rounding):
             if point[0] < middle:
                 between.append(point)
         for point in list_half_hull_points(self.body, -1.0, height, foot, distance):
@@ -395,23 +397,25 @@ class StepBlock(Block):
                 corners.append((x, y, z))
         return corners
 
-    def _cut_groove(self, feature: MetrologyFeature, right: Manifold) -> list[Manifold]:
+    def _split_half_at_groove(
+        self, feature: MetrologyFeature, right_half: Manifold
+    ) -> list[Manifold]:
         """Cut the right half into convex pieces about the groove."""
         near = feature.distance.nominal
         far = near + feature.width.nominal
         lane = self.body.half_width - feature.lane.nominal
-        before, from_groove = split_solid(right, "x", near)
+        before, from_groove = split_solid(right_half, "x", near)
         middle, after = split_solid(from_groove, "x", far)
         in_front, groove = split_solid(middle, "y", lane)
         floor, _ = split_solid(groove, "z", 0.0)
         return [before, in_front, floor, after]
 
     def chordal_error(self, face: cad.door.Face) -> float:
-        if face.kind == "CYLINDER" and self._is_rounded_by(face.radius):
+        if face.kind == "CYLINDER" and self._has_edge_of_radius(face.radius):
             return CONTACT_DEFLECTION
         return COARSE_DEFLECTION
 
-    def _is_rounded_by(self, radius: float) -> bool:
+    def _has_edge_of_radius(self, radius: float) -> bool:
         """Tell whether an edge has a radius [m]."""
         radii = [self.edge_radius.nominal]
         if self.second_step is not None:
@@ -423,14 +427,14 @@ class StepBlock(Block):
         radius = self.edge_radius.nominal
         body = self.body
         demands = self.face_demands
-        lower = describe_plane(2, 0.0, x=-0.5 * body.half_length)
+        lower = make_plane_rule(2, 0.0, x=-0.5 * body.half_length)
         second = self.second_step
         end = body.half_length if second is None else second.distance.nominal
-        upper = describe_plane(2, height, x=0.5 * end)
+        upper = make_plane_rule(2, height, x=0.5 * end)
         yield make_characteristic(
             "step_height", "distance", self.height, lower, upper, method=PROFILE
         )
-        edge: Rule = EdgeRule(describe_plane(0, 0.0, z=0.5 * height), upper)
+        edge: Rule = EdgeRule(make_plane_rule(0, 0.0, z=0.5 * height), upper)
         if radius > 0.0:
             edge = FaceRule("CYLINDER", radius=radius, holds={0: 0.5 * radius})
         yield make_characteristic(
@@ -445,18 +449,18 @@ class StepBlock(Block):
         if self.metrology is not None:
             yield from self._yield_groove_or_ridge_characteristics(self.metrology, lower, upper)
         if self.relief is not None:
-            yield from self.relief.make_characteristics(lower)
+            yield from self.relief.yield_characteristics(lower)
         wall = None
         if radius < height:
-            wall = describe_plane(0, 0.0, y=-0.25 * body.width.nominal)
+            wall = make_plane_rule(0, 0.0, y=-0.25 * body.width.nominal)
         if second is not None:
             demands_behind = complete_face_demands(self.working_faces, second.height)
-            yield from second.make_characteristics(body, demands_behind, upper, height, wall)
+            yield from second.yield_characteristics(body, demands_behind, upper, height, wall)
         yield from self.yield_body_characteristics(lower, upper, wall)
         yield from make_edge_characteristics(demands["burr"], wall, lower)
 
     def _yield_groove_or_ridge_characteristics(
-        self, feature: MetrologyFeature, lower: FaceRule, upper: FaceRule
+        self, feature: MetrologyFeature, lower_face: FaceRule, upper_face: FaceRule
     ) -> Iterator[Characteristic]:
         """Yield depth, width and length of groove or ridge, and its distance from a small arc."""
         height = self.height.nominal
@@ -468,9 +472,9 @@ class StepBlock(Block):
         width = side * feature.width.nominal
         middle = near + 0.5 * width
         if kind == "groove":
-            faces = (describe_plane(2, 0.0, x=middle, y=lane), upper)
+            faces = (make_plane_rule(2, 0.0, x=middle, y=lane), upper_face)
         else:
-            faces = (lower, describe_plane(2, height, x=middle, y=lane))
+            faces = (lower_face, make_plane_rule(2, height, x=middle, y=lane))
         yield make_characteristic(
             feature.depth_key,
             "distance",
@@ -478,13 +482,13 @@ class StepBlock(Block):
             *faces,
             method="profilometer, ISO 5436-1 A1",
         )
-        near_wall = describe_plane(0, near, y=lane)
-        far_wall = describe_plane(0, near + width, y=lane)
+        near_wall = make_plane_rule(0, near, y=lane)
+        far_wall = make_plane_rule(0, near + width, y=lane)
         yield make_characteristic(
             f"{kind}_width", "distance", feature.width, near_wall, far_wall, method="profilometer"
         )
-        back_side = describe_plane(1, back)
-        end = describe_plane(1, 2.0 * lane - back, x=middle)
+        back_side = make_plane_rule(1, back)
+        end = make_plane_rule(1, 2.0 * lane - back, x=middle)
         yield make_characteristic(
             f"{kind}_length", "distance", feature.lane, back_side, end, method=MICROSCOPE
         )
@@ -493,7 +497,7 @@ class StepBlock(Block):
                 f"{kind}_distance",
                 "distance",
                 feature.distance,
-                describe_plane(0, 0.0, y=-0.5 * back),
+                make_plane_rule(0, 0.0, y=-0.5 * back),
                 near_wall,
                 label=f"{kind} from edge",
                 method="profilometer",
@@ -535,10 +539,10 @@ class StepBlock(Block):
         return rise
 
     @property
-    def highest(self) -> float:
-        return max(face.height for face in self._list_working_faces())
+    def highest_face(self) -> float:
+        return max(face.height for face in self._list_upper_working_faces())
 
-    def _list_working_faces(self) -> list[WorkingFace]:
+    def _list_upper_working_faces(self) -> list[WorkingFace]:
         """List the working faces right of the lower one."""
         height = self.height.nominal
         faces = [WorkingFace(0.0, height)]
@@ -549,14 +553,14 @@ class StepBlock(Block):
 
     @model_validator(mode="before")
     @classmethod
-    def _leave_out_metrology(cls, raw: object) -> object:
+    def _leave_out_metrology_beside_second_step(cls, raw: object) -> object:
         """Leave groove or ridge out beside a second step, where the file states none."""
         if not isinstance(raw, dict) or raw.get("second_step", "none") in (None, "none"):
             return raw
         return {"metrology": "none", **raw}
 
     @make_rules_validator
-    def _check_sizes(self) -> Iterator[str]:
+    def _yield_size_breaches(self) -> Iterator[str]:
         """Yield what keeps edge, step and feature from fitting the block."""
         height = self.height.nominal
         radius = self.edge_radius.nominal
@@ -570,7 +574,7 @@ class StepBlock(Block):
             yield describe_breach("height", rule, chamfer, height)
         if height >= half_thickness:
             yield describe_breach("height", "be below half the thickness", half_thickness, height)
-        yield from self.check_engraving_and_stock()
+        yield from self.yield_engraving_and_stock_breaches()
         if self.relief is not None:
             yield from self.relief.yield_breaches(self.body)
         if self.metrology is not None:
@@ -627,33 +631,33 @@ class StepBlock(Block):
             yield describe_breach("metrology.lane", rule, half_width, lane)
 
 
-def find_second_step(part: Part) -> SecondStep | None:
+def get_second_step(part: Part) -> SecondStep | None:
     """Find the second step of a part; None of a part that has one edge or none."""
     if isinstance(part, StepBlock):
         return part.second_step
     return None
 
 
-def _list_rounding_points(height: float, radius: float) -> list[Point]:
+def _list_rounding_points(face_height: float, radius: float) -> list[Point]:
     """List points (x, z) [m] of the rounding of an edge at x = 0 below a face at a height.
 
     Their chords lie within the contact's error.
     """
     if radius == 0.0:
-        return [(0.0, height)]
+        return [(0.0, face_height)]
     step = 2.0 * math.acos(max(1.0 - CONTACT_DEFLECTION / radius, 0.0))
     count = max(2, math.ceil(0.5 * math.pi / step) + 1)
     points = []
     for turn in np.linspace(0.0, 0.5 * math.pi, count).tolist():
         x = radius * (1.0 - math.sin(turn))
-        z = height - radius * (1.0 - math.cos(turn))
+        z = face_height - radius * (1.0 - math.cos(turn))
         points.append((x, z))
     return points
 
 
-def _yield_least_height_breach(field: str, height: float, radius: float) -> Iterator[str]:
+def _yield_least_height_breach(field: str, height: float, edge_radius: float) -> Iterator[str]:
     """Yield that a step of an edge radius is lower than what the kernel builds, if it is [m]."""
-    least_height = _LEAST_ROUNDED if radius > 0.0 else _LEAST_SHARP
+    least_height = _LEAST_ROUNDED if edge_radius > 0.0 else _LEAST_SHARP
     if height < least_height:
         rule = "be at least what the kernel builds so that the built part can be checked"
         yield describe_breach(field, rule, least_height, height)

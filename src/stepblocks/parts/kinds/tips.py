@@ -14,8 +14,8 @@ from stepblocks.parts.characteristics import (
     Characteristic,
     EdgeRule,
     FaceRule,
-    describe_plane,
     make_characteristic,
+    make_plane_rule,
 )
 from stepblocks.parts.declared import (
     Zone,
@@ -76,7 +76,7 @@ class Tip(Turned, HeldPart):
         return ball * math.cos(half_angle), ball * (1.0 - math.sin(half_angle))
 
     @property
-    def cone_end(self) -> float:
+    def cone_end_height(self) -> float:
         """Height at which the cone has the radius of the shank [m]."""
         start_radius, start_height = self.cone_start
         growth = self.shank_radius.nominal - start_radius
@@ -91,15 +91,15 @@ class Tip(Turned, HeldPart):
         return [
             (0.0, 0.0),
             (on_ball, self.cone_start),
-            (self.shank_radius.nominal, self.cone_end),
+            (self.shank_radius.nominal, self.cone_end_height),
         ]
 
-    def outline(self) -> Outline:
+    def outline_half_section(self) -> Outline:
         """Outline a half section of what is turned, up to the axis; it touches at the origin."""
-        return [*self.outline_head(), (0.0, self.cone_end)]
+        return [*self.outline_head(), (0.0, self.cone_end_height)]
 
     def outlines(self) -> list[Outline]:
-        return [self.outline()]
+        return [self.outline_half_section()]
 
     def chordal_error(self, face: cad.door.Face) -> float:
         return CONTACT_DEFLECTION if face.kind == "SPHERE" else COARSE_DEFLECTION
@@ -153,7 +153,7 @@ class Tip(Turned, HeldPart):
         return [["locks", text]]
 
     @make_rules_validator
-    def _check_sizes(self) -> Iterator[str]:
+    def _yield_size_breaches(self) -> Iterator[str]:
         """Yield what keeps ball, cone and shank from meeting."""
         ball = self.ball_radius.nominal
         shank = self.shank_radius.nominal
@@ -201,13 +201,13 @@ class StraightTip(Tip):
     length: PositiveLength = declare_default("40 mm")
     runout: Zone | None = None  # of the ball about the shank, datum A; default 0.02 mm
 
-    def outline(self) -> Outline:
+    def outline_half_section(self) -> Outline:
         shank = self.shank_radius.nominal
         end = self.length.nominal
         return [*self.outline_head(), (shank, end), (0.0, end)]
 
     def hulls(self) -> list[Manifold]:
-        return [make_turned_hull(self.outline())]
+        return [make_turned_hull(self.outline_half_section())]
 
     def characteristics(self) -> Iterator[Characteristic]:
         yield from super().characteristics()
@@ -215,13 +215,13 @@ class StraightTip(Tip):
             "length",
             "distance",
             self.length,
-            describe_plane(2, self.length.nominal),
+            make_plane_rule(2, self.length.nominal),
             FaceRule("SPHERE", radius=self.ball_radius.nominal),
             label="length from the contact point",
         )
-        yield self._state_runout()
+        yield self._make_runout_characteristic()
 
-    def _state_runout(self) -> Characteristic:
+    def _make_runout_characteristic(self) -> Characteristic:
         """State the circular run-out of the ball about the shank (ISO 1101)."""
         zone = self.runout
         if zone is None:
@@ -236,10 +236,10 @@ class StraightTip(Tip):
         )
 
     @make_rules_validator
-    def _check_shank(self) -> Iterator[str]:
+    def _yield_length_breaches(self) -> Iterator[str]:
         """Yield that a tip ends before its cone does."""
         length = self.length.nominal
-        cone = self.cone_end
+        cone = self.cone_end_height
         if length <= cone:
             yield describe_breach("length", "exceed the end of the cone", cone, length)
 
@@ -284,10 +284,10 @@ class HookTip(Tip):
         """Where the bend ends on the axis of the wire (x, z) [m]."""
         bend = self.bend_radius.nominal
         angle = self.bend_angle.nominal
-        return bend * (1.0 - math.cos(angle)), self.cone_end + bend * math.sin(angle)
+        return bend * (1.0 - math.cos(angle)), self.cone_end_height + bend * math.sin(angle)
 
     def solids(self) -> list[cad.door.Body]:
-        top = self.cone_end
+        top = self.cone_end_height
         wire = self.shank_radius.nominal
         bend = self.bend_radius.nominal
         angle = self.bend_angle.nominal
@@ -299,12 +299,12 @@ class HookTip(Tip):
         end = cad.kernel.outline_circle((end_x, 0.0, end_z), across, (0.0, wire, 0.0))
         run = (length * math.sin(angle), 0.0, length * math.cos(angle))
         shank = cad.kernel.extrude(end, run)
-        head = cad.kernel.revolve_about_vertical(self.outline(), (0.0, 0.0, 0.0))
+        head = cad.kernel.revolve_about_vertical(self.outline_half_section(), (0.0, 0.0, 0.0))
         return [cad.kernel.fuse([head, arc, shank])]
 
     def volumes(self) -> tuple[float, ...]:
         # a turned head, a torus by Pappus, and a cylinder
-        head = compute_revolution_volume(self.outline())
+        head = compute_revolution_volume(self.outline_half_section())
         wire = math.pi * self.shank_radius.nominal**2
         bend = wire * self.bend_radius.nominal * self.bend_angle.nominal
         return (head + bend + wire * self.straight_length.nominal,)
@@ -312,27 +312,31 @@ class HookTip(Tip):
     def hulls(self) -> list[Manifold]:
         angle = self.bend_angle.nominal
         turns = np.linspace(0.0, angle, _BEND_PIECES + 1).tolist()
-        pieces = [make_turned_hull(self.outline())]
+        pieces = [make_turned_hull(self.outline_half_section())]
         for start, end in itertools.pairwise(turns):
             pieces.append(
-                make_hull([*self._list_section_points(start), *self._list_section_points(end)])
+                make_hull(
+                    [*self._list_wire_section_points(start), *self._list_wire_section_points(end)]
+                )
             )
-        near = self._list_section_points(angle)
-        far = self._list_section_points(angle, self.straight_length.nominal)
+        near = self._list_wire_section_points(angle)
+        far = self._list_wire_section_points(angle, self.straight_length.nominal)
         pieces.append(make_hull([*near, *far]))
         return pieces
 
-    def _list_section_points(self, turn: float, run: float = 0.0) -> list[Point3]:
+    def _list_wire_section_points(
+        self, bend_angle: float, straight_run: float = 0.0
+    ) -> list[Point3]:
         """List points of a section of the wire, after a turn [rad] and a straight run [m]."""
         bend = self.bend_radius.nominal
-        top = self.cone_end
-        cos = math.cos(turn)
-        sin = math.sin(turn)
+        top = self.cone_end_height
+        cos = math.cos(bend_angle)
+        sin = math.sin(bend_angle)
         points = []
         for x, y, _ in list_ring_points(self.shank_radius.nominal, 0.0):
             from_middle = bend - x
-            turned_x = bend - from_middle * cos + run * sin
-            turned_z = top + from_middle * sin + run * cos
+            turned_x = bend - from_middle * cos + straight_run * sin
+            turned_z = top + from_middle * sin + straight_run * cos
             points.append((turned_x, y, turned_z))
         return points
 
@@ -346,12 +350,12 @@ class HookTip(Tip):
         yield make_characteristic(
             "bend_angle", "angle", self.bend_angle, FaceRule("CONE"), wire, method="microscope"
         )
-        end = self._make_end_rule()
+        end = self._make_shank_end_rule()
         yield make_characteristic(
             "straight_length", "distance", self.straight_length, end, EdgeRule(ring, wire)
         )
 
-    def _make_end_rule(self) -> FaceRule:
+    def _make_shank_end_rule(self) -> FaceRule:
         """Make the rule of the end of the shank, square to an axis only of a right angle."""
         angle = self.bend_angle.nominal
         straight = self.straight_length.nominal
@@ -359,11 +363,11 @@ class HookTip(Tip):
         x = bend_end_x + straight * math.sin(angle)
         z = bend_end_z + straight * math.cos(angle)
         if math.isclose(angle, 0.5 * math.pi):
-            return describe_plane(0, x, z=z)
+            return make_plane_rule(0, x, z=z)
         return FaceRule("SLOPE", holds={0: x, 1: 0.0, 2: z})
 
     @make_rules_validator
-    def _check_bend(self) -> Iterator[str]:
+    def _yield_bend_breaches(self) -> Iterator[str]:
         """Yield what keeps the wire from being bent so."""
         shank = self.shank_radius.nominal
         bend = self.bend_radius.nominal

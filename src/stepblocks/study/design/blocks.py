@@ -248,7 +248,7 @@ def _choose_operating_point(
     points = []
     for load in loads:
         where = {**operating_values, "normal_load": load}
-        points.append(stimuli.prediction.make_first_point(**where))
+        points.append(stimuli.prediction.make_first_operating_point(**where))
     rising = sorted(stimuli.step_block, key=lambda block: block.height.nominal)
     faces = [block.counterface() for block in rising]
     for point in points[:-1]:
