@@ -69,6 +69,16 @@ def test_dots_holes_and_craters_are_as_deep_as_they_are_each_and_together(
     assert np.mean(held) > 0.8
 
 
+def test_the_interval_of_dots_in_a_map_that_leans_holds_their_depth_square_to_it():
+    # parallel levels 500 nm apart, turned by 5 degrees, are 500 nm / cos(5 degrees) apart along z
+    angle = np.radians(5.0)
+    flat = lattice([500 * NM])
+    leaning = flat.height / np.cos(angle) + np.tan(angle) * AT
+    depth = measure_dots(HeightMap(leaning, flat.dx, flat.dy), EXACT).values["dot_depth"]
+    assert "tilt" in [component.name for component in depth.components]
+    assert abs(depth.value - 500 * NM) < depth.compute_expanded_uncertainty()
+
+
 def test_dots_that_the_border_cuts_are_left_out_and_counted():
     found = measure_dots(lattice([500 * NM], first=3 * UM), EXACT)
     assert "16 of 25" in found.notes[0]

@@ -211,6 +211,46 @@ def test_a_masked_step_takes_missing_points_anywhere_and_needs_room_beside_the_e
     assert wide.rows > narrow.rows
 
 
+@pytest.mark.parametrize("degrees", [3.0, 10.0])
+def test_the_interval_of_a_depth_in_a_map_that_leans_holds_the_depth_square_to_its_surface(degrees):
+    # parallel levels 500 nm apart, turned by an angle a, are 500 nm / cos(a) apart along z
+    angle = np.radians(degrees)
+    flat = grating()
+    across = np.arange(120) * 0.2e-6
+    leaning = flat.height / np.cos(angle) + np.tan(angle) * across
+    depth = measure_groove(HeightMap(leaning, 0.2e-6, 0.2e-6), EXACT).values["groove_depth"]
+    assert "tilt" in [component.name for component in depth.components]
+    assert abs(depth.value - 500e-9) < depth.compute_expanded_uncertainty()
+    level = measure_groove(flat, EXACT).values["groove_depth"]
+    assert "tilt" not in [component.name for component in level.components]
+
+
+@pytest.mark.parametrize("degrees", [-8.0, 4.0])
+def test_the_intervals_of_a_margin_that_leans_hold_its_sizes_along_and_square_to_its_shoulders(
+    degrees,
+):
+    # a margin 100 um wide whose right shoulder lies 40 um higher, every point of it turned
+    angle = np.radians(degrees)
+    square = margin_gauge(X, 100e-6, 40e-6, 150e-6, -50e-6)
+    position = X * np.cos(angle) - square * np.sin(angle)
+    height = X * np.sin(angle) + square * np.cos(angle)
+    # an overhanging wall is hidden: what lies highest is seen
+    even = np.arange(position[0], position[-1], 1e-6)
+    z = np.full(len(even), -1.0)
+    for begin in range(len(X) - 1):
+        ends = slice(begin, begin + 2)
+        order = np.argsort(position[ends])
+        piece = np.interp(even, position[ends][order], height[ends][order], left=-1.0, right=-1.0)
+        z = np.maximum(z, piece)
+    values = measure_margin(ScannedProfile(even - even[0], z), EXACT).values
+    wanted = {"vertical_discrepancy": 100e-6, "horizontal_discrepancy": 40e-6}
+    wanted["absolute_discrepancy"] = np.hypot(100e-6, 40e-6)
+    for key, size in wanted.items():
+        found = values[key]
+        assert "tilt" in [component.name for component in found.components]
+        assert abs(found.value - size) < found.compute_expanded_uncertainty(), key
+
+
 def test_the_absolute_discrepancy_answers_to_each_axis_by_its_share():
     scan = ScannedProfile(X, margin_gauge(X, 60.25e-6, 45e-6, 90e-6, -30e-6))
     values = measure_margin(scan, Instrument(1e-3, 0.0, 2e-3)).values

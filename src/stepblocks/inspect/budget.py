@@ -325,25 +325,35 @@ def make_measured_with_instrument(
     return Measured(name, value, tuple(components))
 
 
-def list_tilt_components(height: float, face_slope: float) -> list[Component]:
-    """Return what the slope of the faces leaves open of a height along z; none if negligible.
+def list_tilt_components(
+    size: float, face_slope: float, depth_of_walls: float = 0.0
+) -> list[Component]:
+    """Return what the slope of the faces leaves open of a size; none if negligible.
 
-    Where the part leans by an angle a, its step is lower by the share 1 - cos(a); where the slope
-    is drift of the instrument, it is not. A scan does not tell which.
+    Where the part leans by an angle a, a height along z is too large by the share 1 - cos(a), and
+    a width along x too small by it; walls lean, too, and hide as much as they are deep times the
+    slope. Where the slope is drift of the instrument, nothing is wrong. A scan does not tell which.
 
     Parameters
     ----------
-    height : float
-        Along z [m].
+    size : float
+        Height along z, or width along x [m].
     face_slope : float
         Of the faces [1].
+    depth_of_walls : float
+        From where a width is wanted to where it is taken, along both walls together [m].
     """
     angle = math.atan(abs(face_slope))
     share = 1.0 - math.cos(angle)
     if not share > _NEGLIGIBLE_TILT:
         return []
-    how = f"faces lean by {math.degrees(angle):.2g} degrees, height less 1 - cos, rectangular"
-    std = share * abs(height) / math.sqrt(3.0)
+    largest = share * abs(size)
+    how = f"faces lean by {math.degrees(angle):.2g} degrees, 1 - cos of the size"
+    if depth_of_walls > 0.0:
+        largest += math.tan(angle) * depth_of_walls
+        how += " and tan of the depth of the walls"
+    how += ", rectangular"
+    std = largest / math.sqrt(3.0)
     # not bounded: of the two causes the likelier one lies at the end of the rectangle
     return [Component(Source.TILT, std, how=how)]
 

@@ -19,12 +19,14 @@ from stepblocks.inspect.budget import (
     Measured,
     Source,
     average_profiles,
+    list_tilt_components,
     make_measured_with_instrument,
 )
 from stepblocks.inspect.evaluation import AS_FOUND, Evaluation, EvaluationOptions, Shown
 from stepblocks.inspect.map_levels import (
     TURNS,
     build_row_lines,
+    compute_plane_slope,
     find_bulk_points,
     find_nearest_known,
     level_map,
@@ -138,6 +140,7 @@ def measure_dots(
         raise MetrologyError(f"most dots and craters must have a level floor, got: {counted}")
     kept = _select_requested_dots(kept, options.edges)
     notes = [counted]
+    slope = compute_plane_slope(scan, dots.reference)
     name = key.replace("_", " ")
     found = []
     for depth, std in zip(depths.depths[kept].tolist(), depths.stds[kept].tolist(), strict=True):
@@ -145,15 +148,23 @@ def measure_dots(
     changes = depths.compute_depth_changes(kept)
     average_noise = float(np.sqrt(np.mean(depths.stds[kept] ** 2) / len(kept)))
     average_form = _make_form_component(changes.mean(axis=1), average_noise)
+    tilt = list_tilt_components(float(np.mean(depths.depths[kept])), slope)
     average = partial(
-        average_profiles, f"{name}, mean", found, instrument, [average_form], averaged_items="dots"
+        average_profiles,
+        f"{name}, mean",
+        found,
+        instrument,
+        [average_form, *tilt],
+        averaged_items="dots",
     )
     centres: Any = ndimage.center_of_mass(dots.labels > 0, dots.labels, kept + 1)
     places: list[tuple[float, float]] = list(centres)  # one for each label
     features = []
     for estimate, (y, x), change in zip(found, places, changes.T, strict=True):
         at_place = f"{name} at {x * scan.dx * 1e6:.4g}, {y * scan.dy * 1e6:.4g} um"
-        features.append(_make_depth_with_budget(at_place, estimate, change, instrument))
+        form = _make_form_component(change, estimate.std)
+        others = [form, *list_tilt_components(estimate.value, slope)]
+        features.append(_make_depth_with_budget(at_place, estimate, others, instrument))
     most_floor = np.argmax(np.isin(regions.floor, kept + 1).sum(axis=1))
     return Evaluation(
         values=collect_numbered_features(key, features, average, notes),
@@ -325,17 +336,16 @@ def _select_requested_dots(
 
 
 def _make_depth_with_budget(
-    name: str, estimate: Estimate, depth_changes: Array, instrument: Instrument
+    name: str, estimate: Estimate, others: Sequence[Component], instrument: Instrument
 ) -> Measured:
-    """Add its budget to the depth of a dot; `depth_changes` are those by both other ways [m]."""
+    """Add its budget to the depth of a dot; `others` are the components beside its noise."""
     noise = Component(
         Source.NOISE,
         estimate.std,
         estimate.dof,
         "autocovariance of the surface beside it, and what the lines of its rows leave",
     )
-    form = _make_form_component(depth_changes, estimate.std)
-    return make_measured_with_instrument(name, estimate.value, [noise], instrument, [form])
+    return make_measured_with_instrument(name, estimate.value, [noise], instrument, others)
 
 
 def _make_form_component(depth_changes: Array, noise_std: float) -> Component:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from stepblocks.inspect.noise import Array, Mask
+from stepblocks.scans.scan import HeightMap
 
 LEAST_REFERENCE = 20  # points of a row by which it is levelled
 TURNS = 6  # of levelling and looking again
@@ -55,6 +56,15 @@ def level_map(z: Array, reference: Mask, degree: int) -> Array:
     design = np.stack(terms)
     solution = np.linalg.lstsq(design[:, reference].T, z[reference], rcond=None)[0]
     return np.asarray(z - np.tensordot(solution, design, 1))
+
+
+def compute_plane_slope(scan: HeightMap, reference: Mask) -> float:
+    """Compute the steepest slope of the plane through the reference points of a map [1]."""
+    rows, columns = np.nonzero(reference)
+    design = np.column_stack([columns * scan.dx, rows * scan.dy, np.ones(len(rows))])
+    heights = scan.height[reference]
+    slope_x, slope_y, _ = np.linalg.lstsq(design, heights, rcond=None)[0]
+    return float(np.hypot(slope_x, slope_y))
 
 
 def find_bulk_points(z: Array, known: Mask) -> Mask:

@@ -33,6 +33,8 @@ class Margin:
     # standard uncertainty of it since nothing is known between two samples of a wall [m]
     sampling: float
     rise: Estimate  # height of the right shoulder over the left [m]
+    slope: float  # of both shoulders [1]
+    depth: float  # of the gap below the lower shoulder, as far as it was measured [m]
 
     @property
     def absolute_discrepancy(self) -> Estimate:
@@ -57,6 +59,15 @@ class _Gap:
     def point_count(self) -> int:
         """Number of points."""
         return self.end - self.begin
+
+
+@dataclass(frozen=True)
+class _Walls:
+    """The walls of a gap, and how deep it was measured."""
+
+    left: "_Wall"
+    right: "_Wall"
+    depth: float  # below the lower shoulder; nan where nothing was measured [m]
 
 
 @dataclass(frozen=True)
@@ -86,7 +97,8 @@ def fit_margin(x: Array, z: Array) -> Margin:
     middle = 0.5 * float(x[gap.begin] + x[gap.end - 1])
     planes = fit_two_planes(x, z, middle, shoulders)
     level = z - planes.tilt * x - planes.offset
-    left, right = _find_walls(x, level, planes.height.value, gap)
+    walls = _find_walls(x, level, planes.height.value, gap)
+    left, right = walls.left, walls.right
     spacing = float(np.diff(x).mean())
     roughness = float(np.std(planes.fit.residuals[planes.fit.used]))
     noise = np.hypot(
@@ -97,6 +109,8 @@ def fit_margin(x: Array, z: Array) -> Margin:
         opening=Estimate(right.position - left.position, float(noise), planes.height.dof),
         sampling=spacing * float(np.hypot(left.unresolved, right.unresolved)) / np.sqrt(12.0),
         rise=estimate_height_beside_waves(x, z, middle, planes),
+        slope=planes.tilt,
+        depth=float(np.nan_to_num(walls.depth)),
     )
 
 
@@ -145,8 +159,8 @@ def _find_longest_run(inside: Mask) -> _Gap:
     return max(runs, key=lambda run: run.point_count)
 
 
-def _find_walls(x: Array, level: Array, rise: float, gap: _Gap) -> tuple[_Wall, _Wall]:
-    """Return the left and the right wall of a gap.
+def _find_walls(x: Array, level: Array, rise: float, gap: _Gap) -> _Walls:
+    """Find the left and the right wall of a gap.
 
     `level` are heights over the left shoulder, `rise` is the height of the right one [m].
     """
@@ -166,9 +180,10 @@ def _find_walls(x: Array, level: Array, rise: float, gap: _Gap) -> tuple[_Wall, 
     first_behind = middle + int(np.flatnonzero(solid[middle:])[0])
     left = slice(last_before, last_before + 2)
     right = slice(first_behind - 1, first_behind + 1)
-    return (
+    return _Walls(
         _locate_wall_between_samples(x[left], level[left], threshold, depth),
         _locate_wall_between_samples(x[right], level[right], threshold, depth),
+        depth,
     )
 
 

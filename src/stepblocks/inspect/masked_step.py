@@ -11,12 +11,19 @@ from scipy import ndimage
 
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.attempts import evaluate_if_possible
-from stepblocks.inspect.budget import Component, Instrument, Source, make_measured_with_instrument
+from stepblocks.inspect.budget import (
+    Component,
+    Instrument,
+    Source,
+    list_tilt_components,
+    make_measured_with_instrument,
+)
 from stepblocks.inspect.evaluation import Evaluation, EvaluationOptions, Shown
 from stepblocks.inspect.map_levels import (
     LEAST_REFERENCE,
     TURNS,
     build_row_lines,
+    compute_plane_slope,
     find_bulk_points,
     find_nearest_known,
     level_map,
@@ -68,6 +75,7 @@ class MaskedStep:
     inside: Mask  # shape (ny, nx); features, whole
     floor: Mask  # shape (ny, nx); points of the features that took part
     shown: int  # row with most floor
+    slope: float  # of the reference beside the features [1]
 
 
 @dataclass(frozen=True)
@@ -173,6 +181,7 @@ def measure_masked_step(
         inside=inside,
         floor=floor,
         shown=int(np.argmax(rows.points)),
+        slope=compute_plane_slope(scan, levelled.reference),
     )
 
 
@@ -393,7 +402,9 @@ def evaluate_masked_step(
         how="change with one and a half times the exclusion or its part, rectangular",
     )
     name = key.replace("_", " ")
-    value = make_measured_with_instrument(name, abs(step.depth.value), [noise], instrument, [form])
+    depth = abs(step.depth.value)
+    others = [form, *list_tilt_components(depth, step.slope)]
+    value = make_measured_with_instrument(name, depth, [noise], instrument, others)
     note = NoteKind.SINGLE_FEATURE.make_note()
     if step.features > 1:
         note = NoteKind.FEATURES_DIFFER.make_note(differ=step.differ * 1e9)

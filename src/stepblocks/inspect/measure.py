@@ -13,6 +13,7 @@ from stepblocks.inspect.budget import (
     ScalePowers,
     Source,
     average_profiles,
+    list_tilt_components,
 )
 from stepblocks.inspect.evaluation import AS_FOUND, Evaluation, EvaluationOptions, Shown
 from stepblocks.inspect.margin_gap import Margin, fit_margin
@@ -43,6 +44,14 @@ class _Discrepancy:
     powers: ScalePowers
 
 
+@dataclass(frozen=True)
+class _Lean:
+    """How the shoulders of a margin lean."""
+
+    slope: float  # of both shoulders [1]
+    depth_of_walls: float  # from the edges of the opening to where it is taken [m]
+
+
 def measure_margin(
     scan: ScannedProfile | HeightMap, instrument: Instrument, options: EvaluationOptions = AS_FOUND
 ) -> Evaluation:
@@ -61,9 +70,10 @@ def measure_margin(
     kept = keep_profiles_that_agree(attempts, crossings, sampled.rows, sampled.notes)
     margins = list_results(kept)
     sampling = float(np.mean([margin.sampling for margin in margins]))
+    lean = _estimate_lean(margins)
     values = {}
     for key, discrepancy in _collect_discrepancies(margins).items():
-        values[key] = _average_discrepancy(key, discrepancy, sampling, instrument)
+        values[key] = _average_discrepancy(key, discrepancy, sampling, lean, instrument)
     gap = values["vertical_discrepancy"]
     if options.stylus_radius != 0.0:
         # a stylus falls into a gap late and leaves it early
@@ -77,6 +87,16 @@ def measure_margin(
         notes=tuple(sampled.notes),
         shown=Shown(first.position, first.height - left_shoulder),
     )
+
+
+def _estimate_lean(margins: list[Margin]) -> _Lean:
+    """Estimate how margins lean; an opening is taken at half the depth of the gap."""
+    slopes = []
+    depths = []
+    for margin in margins:
+        slopes.append(margin.slope)
+        depths.append(abs(margin.rise.value) + 0.5 * margin.depth)
+    return _Lean(float(np.median(slopes)), float(np.median(depths)))
 
 
 def _collect_discrepancies(margins: list[Margin]) -> dict[str, _Discrepancy]:
@@ -97,10 +117,12 @@ def _collect_discrepancies(margins: list[Margin]) -> dict[str, _Discrepancy]:
 
 
 def _average_discrepancy(
-    key: str, discrepancy: _Discrepancy, sampling: float, instrument: Instrument
+    key: str, discrepancy: _Discrepancy, sampling: float, lean: _Lean, instrument: Instrument
 ) -> Measured:
     """Average a size over the profiles; `sampling` is what samples leave open of an opening [m]."""
-    components = []
+    mean_size = float(np.mean([estimate.value for estimate in discrepancy.sizes]))
+    depth_of_walls = discrepancy.sampled * lean.depth_of_walls
+    components = list_tilt_components(mean_size, lean.slope, depth_of_walls)
     if discrepancy.sampled > 0.0:
         how = "one interval at either edge, rectangular; the same in every profile"
         components.append(Component(Source.SAMPLING, discrepancy.sampled * sampling, how=how))
