@@ -19,8 +19,8 @@ from stepblocks.contact.operating_point import LIMIT_SOURCES, PAPER, SHIPPED_LIM
 from stepblocks.contact.rod import fit_rod
 from stepblocks.declaration.read import load_set
 from stepblocks.errors import ContactError
-from stepblocks.predict.columns import tabulate_prediction
-from stepblocks.predict.predictions import describe_left_out, predict_and_drag_set
+from stepblocks.predict.columns import make_prediction_row
+from stepblocks.predict.predictions import describe_predictions_beyond_limits, predict_and_drag_set
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 FOUR = load_shipped("paper-four")
@@ -97,7 +97,7 @@ def test_a_limit_of_nothing_is_refused():
 
 def test_beyond_a_limit_a_row_shows_the_limit_and_no_energy():
     made = predict_and_drag_set(FOUR)
-    beyond = [tabulate_prediction(p) for p in made if p.release.status.is_beyond_limit]
+    beyond = [make_prediction_row(p) for p in made if p.release.status.is_beyond_limit]
     assert len(beyond) == 4
     for row in beyond:
         assert row["limit_n"] == 9.87
@@ -109,7 +109,7 @@ def test_beyond_a_limit_a_row_shows_the_limit_and_no_energy():
         }
         assert all(math.isnan(value) for value in energies.values())
         assert row["felt_by"] == ""
-    (said,) = describe_left_out(made)
+    (said,) = describe_predictions_beyond_limits(made)
     assert (
         said == "beyond-hand (9.87 N), no energy, left out of every mean: 4 rows of apparatus-100"
     )
@@ -175,7 +175,7 @@ def test_the_ring_of_a_file_has_its_frequency_and_tolerance_in_predictions_and_d
             "tolerances = {", 'tolerances = { frequency = "20 Hz",'
         )
     )
-    row = tabulate_prediction(next(iter(predict_and_drag_set(load_set(path), dragged=False))))
+    row = make_prediction_row(next(iter(predict_and_drag_set(load_set(path), dragged=False))))
     assert (row["frequency_hz"], row["frequency_low_hz"], row["frequency_high_hz"]) == (
         250.0,
         230.0,

@@ -22,7 +22,7 @@ from stepblocks.contact.laws import LinearContact
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.drag.run import drag_over
 from stepblocks.errors import ContactError, MetrologyError, PipelineError
-from stepblocks.predict.predictions import predict_drag
+from stepblocks.predict.predictions import predict_single_drag
 from stepblocks.simulators.assemble import replace_ring_by_drag
 
 R = PAPER.ball_radius
@@ -109,7 +109,7 @@ def test_of_two_steps_the_higher_answers_and_both_are_listed(first, second):
     assert done.events.pull_n.iloc[1] == done.summary["peak_force_n"]
     assert done.summary["vibration_energy_j"] > 0.0
     assert done.summary["other_releases"] == 1
-    predicted = predict_drag(face, PAPER)
+    predicted = predict_single_drag(face, PAPER)
     assert predicted.release.pull_force == done.summary["equation_1"]["peak_force_n"]
     assert predicted.in_time.peak_force == pytest.approx(done.summary["peak_force_n"], rel=1e-9)
     assert predicted.in_time.energy == pytest.approx(done.summary["vibration_energy_j"], rel=1e-9)
@@ -276,7 +276,7 @@ def test_over_a_wavy_step_prediction_drag_and_exported_ring_answer_for_the_step(
     # Equation (1) at the steepest place of the path, found by three ways: exact dilation, the
     # track of the drag, and the path of the centre that scenes and the renderer follow.
     face = Profile(WAVY.x[::2], WAVY.z[::2])
-    predicted, done = predict_drag(face, PAPER), drag_over(face)
+    predicted, done = predict_single_drag(face, PAPER), drag_over(face)
     event = list_vibration_events(face, PAPER)[0]
     ring = replace_ring_by_drag(event, face, PAPER)
     assert event.critical_force == pytest.approx(predicted.release.pull_force, rel=1e-3)

@@ -12,7 +12,7 @@ from stepblocks.contact.laws import ContactLaw, FrictionLaw, Hertz, LinearContac
 from stepblocks.contact.operating_point import PAPER, OperatingPoint, Tool
 from stepblocks.drag.run import drag_over
 from stepblocks.errors import ContactError
-from stepblocks.predict.predictions import predict_drag
+from stepblocks.predict.predictions import predict_single_drag
 
 
 @pytest.mark.long
@@ -46,7 +46,7 @@ def test_the_equation_takes_a_law_at_rest_and_the_drag_tends_to_it_slowly():
     assert point.friction == 0.22
     expected = find_release(find_step_angle(25e-6, 125e-6), 0.8, 0.22).pull_force
     assert Step(25e-6).release(point).pull_force == expected
-    predicted = predict_drag(Step(25e-6), point)
+    predicted = predict_single_drag(Step(25e-6), point)
     assert predicted.release.pull_force == expected
     assert 0.7 * expected < predicted.in_time.peak_force < 1.05 * expected
 

@@ -13,7 +13,7 @@ import stepblocks as sb
 from oracles.elastic_drag import elastic_drag
 from stepblocks.drag.probe import build_probe
 from stepblocks.errors import ContactError, StepblocksError
-from stepblocks.predict.predictions import predict_drag
+from stepblocks.predict.predictions import predict_single_drag
 
 TOOL = sb.Tool(overtones=sb.Overtone("900 Hz", "5 ms"))
 TWO = [sb.Overtone(1880.0, 3e-3, 0.7), sb.Overtone(900.0, 5e-3, 1.4)]
@@ -133,7 +133,9 @@ def test_a_set_a_sweep_and_a_prediction_drag_the_same_tool(tmp_path):
     assert table.drag_peak_force_n[0] == pytest.approx(by_hand.trace.peak_force, rel=1e-9)
     assert table.drag_vibration_energy_uj[0] == pytest.approx(1e6 * by_hand.ring.energy, rel=1e-6)
     point = sb.OperatingPoint(125e-6, 1.0, 0.15, TOOL)
-    assert predict_drag(sb.Step(25e-6), point).in_time.energy == pytest.approx(by_hand.ring.energy)
+    assert predict_single_drag(sb.Step(25e-6), point).in_time.energy == pytest.approx(
+        by_hand.ring.energy
+    )
     plan = tmp_path / "sweep.toml"
     plan.write_text(
         '[sweep]\nmode = "drag"\n[parameters]\nheight = "25 um"\nfriction = 0.15\n[laws]\n'

@@ -17,7 +17,7 @@ from stepblocks.declaration.read import load_set
 from stepblocks.drag.run import drag_over
 from stepblocks.errors import ContactError, PipelineError
 from stepblocks.parts.conditions import Gum
-from stepblocks.predict.predictions import drag_in_time, predict_and_drag_set
+from stepblocks.predict.predictions import drag_and_measure_ring, predict_and_drag_set
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 GAP = Margin(50e-6, 50e-6, 0.0)
@@ -27,8 +27,8 @@ GAP = Margin(50e-6, 50e-6, 0.0)
     "tissue", [Gum().make_tissue(300.0), Tissue(2000.0, 0.0, 0.02), Tissue(500.0, 0.3, 0.1)]
 )
 def test_the_tool_pulls_the_friction_of_the_wall_more_and_the_ledger_closes(tissue):
-    bare, _ = drag_in_time(GAP, PAPER, False, 1e-3)
-    walled, _ = drag_in_time(GAP, replace(PAPER, tissue=tissue), False, 1e-3)
+    bare, _ = drag_and_measure_ring(GAP, PAPER, False, 1e-3)
+    walled, _ = drag_and_measure_ring(GAP, replace(PAPER, tissue=tissue), False, 1e-3)
     assert walled.peak_force - bare.peak_force == pytest.approx(tissue.friction, rel=0.05)
     assert walled.ledger_error < 1e-3
     assert bare.ledger["tissue_loss"] == 0.0
@@ -36,7 +36,9 @@ def test_the_tool_pulls_the_friction_of_the_wall_more_and_the_ledger_closes(tiss
 
 def test_what_the_wall_takes_is_its_friction_over_the_way_that_is_slid():
     tissue = Tissue(1e5, 0.0, 5e-3)  # so stiff that it slips at once
-    walled, _ = drag_in_time(GAP, replace(PAPER, tissue=tissue), False, 1e-3, damping_ratio=0.1)
+    walled, _ = drag_and_measure_ring(
+        GAP, replace(PAPER, tissue=tissue), False, 1e-3, damping_ratio=0.1
+    )
     x = walled.column("x_m")
     assert walled.ledger["tissue_loss"] == pytest.approx(
         tissue.friction * float(np.abs(np.diff(x)).sum()), rel=0.02

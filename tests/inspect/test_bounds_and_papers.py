@@ -17,7 +17,7 @@ from stepblocks.inspect.many import inspect_many, write_many
 from stepblocks.inspect.report import write_inspection
 from stepblocks.inspect.run import inspect_scan
 from stepblocks.predict.run import predict_set
-from stepblocks.records.as_built import read_records
+from stepblocks.records.as_built import read_one_record_per_stimulus
 from stepblocks.records.certificate import build_certificate_content
 from stepblocks.records.laboratory import InstrumentRecord, Laboratory
 from stepblocks.scans.scan import HeightMap
@@ -111,7 +111,7 @@ def test_a_record_and_its_inspection_say_one_energy_of_a_burr(tmp_path):
     result = inspect_scan((X, draw_burr()), "a", stimuli=block, instrument=KNOWN, options=OPTICAL)
     write_inspection(result, tmp_path)
     said = float(re.search(r"to ([\d.]+) uJ", result.energy_statement)[1])
-    record = read_records([tmp_path])["a"]
+    record = read_one_record_per_stimulus([tmp_path])["a"]
     assert record.contact_height == pytest.approx(56 * UM, abs=0.3 * UM)
     point = block.prediction.make_first_operating_point()
     row = predict_set(block, dragged=False, as_built=[tmp_path]).query(

@@ -13,12 +13,12 @@ from stepblocks.contact.energy import Status
 from stepblocks.predict.as_built import (
     _format_energy_change,
     describe_energy_changes,
+    make_surface_columns,
+    make_surface_release_function,
     predict_from_surfaces,
-    prepare_surface_releases,
-    replace_nominals,
-    tabulate_surface,
+    replace_nominal_sizes,
 )
-from stepblocks.predict.columns import format_row
+from stepblocks.predict.columns import format_row_cells
 from stepblocks.predict.predictions import predict_by_formula
 from stepblocks.records.as_built import AsBuilt, AsBuiltValue, write_as_built
 from stepblocks.scans.scan import ScannedProfile
@@ -44,7 +44,7 @@ def chamfered():
 
 
 def test_only_the_block_with_a_record_changes_and_says_where_its_size_is_from(stimuli):
-    built = replace_nominals(stimuli, {"step-050": record(51e-6, 3e-6), "elsewhere": record()})
+    built = replace_nominal_sizes(stimuli, {"step-050": record(51e-6, 3e-6), "elsewhere": record()})
     assert "step-050" in {part.id for part in built.stimuli}
     for before, after in zip(stimuli.stimuli, built.stimuli, strict=True):
         if before.id != "step-050":
@@ -59,7 +59,7 @@ def test_only_the_block_with_a_record_changes_and_says_where_its_size_is_from(st
 
 
 def test_a_radius_that_noise_made_negative_counts_as_sharp(stimuli):
-    built = replace_nominals(stimuli, {"step-050": record(radius=-0.2e-6)})
+    built = replace_nominal_sizes(stimuli, {"step-050": record(radius=-0.2e-6)})
     assert next(part for part in built.stimuli if part.id == "step-050").edge_radius.nominal == 0.0
 
 
@@ -86,7 +86,7 @@ def test_the_sentence_gives_the_range_of_changes_over_the_conditions_of_the_set(
 
 
 def test_a_scanned_surface_is_predicted_by_the_path_of_the_tip_over_it(stimuli):
-    surfaces = prepare_surface_releases(stimuli, {"step-050": record(surface=chamfered())})
+    surfaces = make_surface_release_function(stimuli, {"step-050": record(surface=chamfered())})
     for prediction in predict_by_formula(stimuli):
         release = surfaces(prediction)
         if prediction.stimulus != "step-050":
@@ -103,13 +103,13 @@ def test_a_scanned_surface_is_predicted_by_the_path_of_the_tip_over_it(stimuli):
 
 
 def test_the_figures_of_a_surface_are_none_where_nothing_is_known(stimuli):
-    surfaces = prepare_surface_releases(stimuli, {"step-050": record(surface=chamfered())})
+    surfaces = make_surface_release_function(stimuli, {"step-050": record(surface=chamfered())})
     release = next(
         found for one in predict_by_formula(stimuli) if (found := surfaces(one)) is not None
     )
-    known, none = tabulate_surface(release), tabulate_surface(None)
+    known, none = make_surface_columns(release), make_surface_columns(None)
     assert known.keys() == none.keys()
-    assert set(format_row(none).values()) == {""}
+    assert set(format_row_cells(none).values()) == {""}
     assert known["surface_status"] == "releases"
     assert known["surface_peak_force_n"] == release.pull_force
     assert known["surface_vibration_energy_uj"] == release.vibration_energy * 1e6
@@ -119,7 +119,7 @@ def test_a_set_is_predicted_as_it_was_built_from_python_as_by_the_command(stimul
     name = tmp_path / "step-050.as-built.toml"
     write_as_built(name, record(51e-6, 3e-6))
     table = stepblocks.predict_set(stimuli, dragged=False, as_built=[name])
-    built = replace_nominals(stimuli, {"step-050": record(51e-6, 3e-6)})
+    built = replace_nominal_sizes(stimuli, {"step-050": record(51e-6, 3e-6)})
     wanted = stepblocks.predict_set(built, dragged=False)
     pd.testing.assert_frame_equal(table, wanted)
     nominal = stepblocks.predict_set(stimuli, dragged=False)

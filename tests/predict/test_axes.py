@@ -13,7 +13,7 @@ from stepblocks.declaration.read import load_set
 from stepblocks.errors import PipelineError
 from stepblocks.predict.sweep.plan import PARAMETERS
 from stepblocks.predict.sweep.read import load_sweep, read_swept_set
-from stepblocks.predict.sweep.rows import compute_table
+from stepblocks.predict.sweep.rows import compute_sweep_table
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 
@@ -59,7 +59,7 @@ def test_a_sweep_goes_over_the_sides_that_a_scan_shows(tmp_path):
     (part,) = load_set(tmp_path / "scans.toml").stimuli
     point = replace(PAPER, ball_radius=500e-6, normal_load=0.5)
     own = part.counterface().release(point)
-    table = compute_table(load_sweep(path), range(1)).to_pydict()
+    table = compute_sweep_table(load_sweep(path), range(1)).to_pydict()
     assert math.degrees(own.angle) > 9.0
     assert table["critical_angle_deg"] == [pytest.approx(math.degrees(own.angle), rel=1e-12)]
     assert table["peak_force_n"] == [pytest.approx(own.pull_force, rel=1e-12)]

@@ -9,15 +9,15 @@ from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.contact.uncertainty import estimate_interval
 from stepblocks.errors import ContactError
 from stepblocks.predict.figures import (
-    compute_margin_map,
+    compute_margin_map_forces,
     draw_energy_of_height,
     draw_margin_map,
-    write_plots,
+    write_prediction_plots,
 )
 
 
 def test_a_set_of_tips_has_no_curve_of_its_own(tmp_path):
-    assert list(write_plots(load_shipped("probe-tips"), tmp_path)) == []
+    assert list(write_prediction_plots(load_shipped("probe-tips"), tmp_path)) == []
 
 
 @pytest.mark.long
@@ -68,7 +68,7 @@ def test_the_colours_of_a_map_of_margins_begin_at_the_least_force(tmp_path, monk
     )
     axes = np.linspace(0.0, 100e-6, 9), np.linspace(-30e-6, 30e-6, 7)
     draw_margin_map(*axes, PAPER, tmp_path / "map.png")
-    forces = np.concatenate([one.ravel() for one in compute_margin_map(*axes, PAPER)])
+    forces = np.concatenate([one.ravel() for one in compute_margin_map_forces(*axes, PAPER)])
     norm = figures[0].axes[0].collections[0].norm
     known = forces[np.isfinite(forces) & (forces > 0.0)]
     assert (norm.vmin, norm.vmax) == (max(known.min(), 1e-2), min(known.max(), 50.0))
@@ -83,7 +83,7 @@ def test_each_margin_is_marked_by_its_gap_and_by_how_far_its_tooth_lies_over_its
         lambda *given: marked.append(given[-1]),
     )
     stimuli = load_shipped("crown-margins")
-    list(write_plots(stimuli, tmp_path))
+    list(write_prediction_plots(stimuli, tmp_path))
     parts = [one for one in stimuli.stimuli if one.crossed]
     # a crown that stands over its tooth has a positive horizontal discrepancy
     expected = [

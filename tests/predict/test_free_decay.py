@@ -11,7 +11,7 @@ from stepblocks.errors import ContactError
 from stepblocks.predict.sheaths import plan_decay_test
 
 RING = {"stiffness": 9.1e3, "frequency": 283.0, "decay_time": 11.7e-3}
-RIG = {"displacement": 0.13e-3, "noise": 0.9e-6, "rate": 21.3e3, "wanted": 0.001}
+RIG = {"displacement": 0.13e-3, "noise": 0.9e-6, "sample_rate": 21.3e3, "wanted_uncertainty": 0.001}
 
 
 def test_a_long_record_has_the_closed_bound_of_cramer_and_rao():
@@ -19,7 +19,7 @@ def test_a_long_record_has_the_closed_bound_of_cramer_and_rao():
     closed = math.sqrt(
         16.0
         * RIG["noise"] ** 2
-        / (RIG["displacement"] ** 2 * RIG["rate"] * RING["decay_time"] ** 3)
+        / (RIG["displacement"] ** 2 * RIG["sample_rate"] * RING["decay_time"] ** 3)
     )
     assert test["frequency_std_hz"] == pytest.approx(closed / math.tau, rel=0.01)
     assert test["log_decrement_std"] == pytest.approx(closed / RING["frequency"], rel=0.01)
@@ -29,7 +29,7 @@ def test_a_long_record_has_the_closed_bound_of_cramer_and_rao():
 
 def test_least_squares_fits_of_simulated_releases_scatter_by_the_bound_and_not_more():
     test = plan_decay_test(Tool(**RING), **RIG)
-    time = np.arange(test["samples"]) / RIG["rate"]
+    time = np.arange(test["samples"]) / RIG["sample_rate"]
 
     def ring(t, amplitude, phase, frequency, rate):
         return amplitude * np.exp(-rate * t) * np.cos(math.tau * frequency * t + phase)
@@ -47,17 +47,17 @@ def test_least_squares_fits_of_simulated_releases_scatter_by_the_bound_and_not_m
     assert found[:, 2].std() == pytest.approx(test["frequency_std_hz"], rel=0.12)
     assert (found[:, 3] / found[:, 2]).std() == pytest.approx(test["log_decrement_std"], rel=0.12)
     relative = test["log_decrement_std"] / test["log_decrement"]
-    assert test["releases"] == math.ceil((relative / RIG["wanted"]) ** 2)
+    assert test["releases"] == math.ceil((relative / RIG["wanted_uncertainty"]) ** 2)
     assert test["releases"] > 1
 
 
 @pytest.mark.parametrize(
     ("name", "value", "rule"),
     [
-        ("rate", 900.0, "at least four samples"),
+        ("sample_rate", 900.0, "at least four samples"),
         ("noise", 0.1e-3, "three times the noise"),
-        ("wanted", 0.0, "positive"),
-        ("wanted", 1e-9, "more than 10000"),
+        ("wanted_uncertainty", 0.0, "positive"),
+        ("wanted_uncertainty", 1e-9, "more than 10000"),
     ],
 )
 def test_an_impossible_test_is_refused(name, value, rule):
@@ -75,7 +75,7 @@ def test_as_many_periods_stand_above_noise_as_swings_of_the_envelope_do():
 
 def test_a_release_just_over_three_times_the_noise_is_planned_and_one_just_below_is_not():
     least = 3.0 * RIG["noise"]
-    rig = RIG | {"wanted": 0.5}
+    rig = RIG | {"wanted_uncertainty": 0.5}
     assert plan_decay_test(Tool(**RING), **(rig | {"displacement": 1.05 * least}))["releases"] > 0
     with pytest.raises(ContactError, match="three times the noise"):
         plan_decay_test(Tool(**RING), **(rig | {"displacement": 0.95 * least}))

@@ -10,14 +10,14 @@ from stepblocks.contact.energy import find_release
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.path.profile import build_profile_path, find_steepest_catch
 from stepblocks.errors import ContactError
-from stepblocks.predict.figures import compute_margin_map
+from stepblocks.predict.figures import compute_margin_map_forces
 
 POINT = OperatingPoint(117e-6, 0.7, 0.21)
 
 
 def test_the_margin_map_is_symmetric_under_exchange_of_crown_and_tooth():
     gaps, rises = np.array([0.0, 40e-6, 90e-6]), np.array([-30e-6, -7e-6, 0.0, 7e-6, 30e-6])
-    to_tooth, to_crown = compute_margin_map(gaps, rises, POINT)
+    to_tooth, to_crown = compute_margin_map_forces(gaps, rises, POINT)
     assert to_tooth == pytest.approx(to_crown[:, ::-1])
     assert to_tooth[0, 1] == 0.0  # a step down without a gap does not catch
     assert (np.diff(to_tooth[:, 2]) > 0).all()
@@ -39,7 +39,9 @@ def test_the_margin_map_agrees_with_the_path_over_its_own_rounded_profile():
     # two corners rounded by r are met by a ball of R as sharp ones, 2 r further apart, by one of R
     # + r
     point = replace(POINT, ball_radius=radius + r)
-    to_tooth, to_crown = compute_margin_map(np.array([gap + 2.0 * r]), np.array([rise]), point)
+    to_tooth, to_crown = compute_margin_map_forces(
+        np.array([gap + 2.0 * r]), np.array([rise]), point
+    )
     forces = [
         find_release(find_steepest_catch(one).angle, 0.7, 0.21).pull_force
         for one in (path, path.mirrored())
@@ -48,7 +50,7 @@ def test_the_margin_map_agrees_with_the_path_over_its_own_rounded_profile():
 
 
 def test_margins_that_hold_the_tip_have_an_infinite_force():
-    forces = compute_margin_map(
+    forces = compute_margin_map_forces(
         np.array([0.0, 300e-6]), np.array([120e-6]), OperatingPoint(125e-6, 1.0, 0.3)
     )
     assert np.isinf(forces[0]).all()
@@ -56,4 +58,4 @@ def test_margins_that_hold_the_tip_have_an_infinite_force():
 
 def test_a_gap_below_0_is_one_clear_error():
     with pytest.raises(ContactError, match="opening must be finite and not negative"):
-        compute_margin_map(np.array([-1e-6]), np.array([0.0]), POINT)
+        compute_margin_map_forces(np.array([-1e-6]), np.array([0.0]), POINT)

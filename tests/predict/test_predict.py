@@ -120,11 +120,11 @@ def test_the_limits_of_a_prediction_are_the_equations_at_the_limits_of_height_an
 
 
 def test_a_block_that_may_lock_within_its_tolerance_says_so():
-    from stepblocks.predict.columns import format_row, tabulate_prediction
+    from stepblocks.predict.columns import format_row_cells, make_prediction_row
 
     ten = load_shipped("paper-ten")
     rows = [
-        format_row(tabulate_prediction(p))
+        format_row_cells(make_prediction_row(p))
         for p in predict_by_formula(ten)
         if p.stimulus == "step-100" and p.point.friction == 0.2
     ]

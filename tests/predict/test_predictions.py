@@ -16,8 +16,8 @@ from stepblocks.errors import StepblocksError
 from stepblocks.predict.columns import (
     choose_terminal_columns,
     format_predictions_csv,
-    format_row,
-    tabulate_prediction,
+    format_row_cells,
+    make_prediction_row,
 )
 from stepblocks.predict.predictions import predict_and_drag_set
 from stepblocks.predict.run import predict_set
@@ -35,7 +35,7 @@ def four():
 
 def test_file_rows_and_table_of_a_set_hold_the_same_figures(four):
     rows = list(csv.DictReader(io.StringIO(format_predictions_csv(four))))
-    assert rows == [format_row(tabulate_prediction(one)) for one in four]
+    assert rows == [format_row_cells(make_prediction_row(one)) for one in four]
     frame = predict_set(FOUR)
     behind = ["jnd_to_next", "jnd_to_next_95_low", "jnd_to_next_95_high"]
     assert list(frame.columns) == [*rows[0], *behind]
@@ -118,7 +118,7 @@ def test_further_columns_stand_behind(four):
 
 
 def test_a_terminal_is_shown_the_drawn_interval_of_the_energy_alone(four):
-    columns = choose_terminal_columns(list(tabulate_prediction(four[0])))
+    columns = choose_terminal_columns(list(make_prediction_row(four[0])))
     assert {
         "vibration_energy_95_low_uj",
         "vibration_energy_95_high_uj",
@@ -132,7 +132,7 @@ def test_a_terminal_is_shown_the_drawn_interval_of_the_energy_alone(four):
 
 def test_a_row_has_energies_and_intervals_to_compare_unless_it_is_beyond_a_limit(four):
     for one in four:
-        row, beyond = tabulate_prediction(one), one.release.status.is_beyond_limit
+        row, beyond = make_prediction_row(one), one.release.status.is_beyond_limit
         worst = [row[f"vibration_energy_{end}_uj"] for end in ("low", "high")]
         if one.release.status is Status.RELEASES and one.limits[1].status is Status.RELEASES:
             assert worst[0] < row["vibration_energy_uj"] < worst[1]

@@ -15,9 +15,9 @@ from stepblocks.drag.simulate import simulate_drag
 from stepblocks.drag.track import build_track
 from stepblocks.errors import PipelineError
 from stepblocks.predict import predictions
-from stepblocks.predict.columns import tabulate_prediction
-from stepblocks.predict.perception import choose_energies
-from stepblocks.predict.predictions import DIFFERS, predict_and_drag_set, predict_drag
+from stepblocks.predict.columns import make_prediction_row
+from stepblocks.predict.perception import choose_compared_energies
+from stepblocks.predict.predictions import DIFFERS, predict_and_drag_set, predict_single_drag
 
 SHEATHS, FOUR = load_shipped("sheaths"), load_shipped("paper-four")
 ALONE, BESIDE = predict_and_drag_set(SHEATHS, dragged=False), predict_and_drag_set(SHEATHS)
@@ -27,7 +27,7 @@ def test_the_drag_stands_beside_the_formula_and_changes_none_of_its_columns():
     added = {"drag_", "felt_"}
     for a, b in zip(ALONE, BESIDE, strict=True):
         assert a.in_time is None
-        formula, both = tabulate_prediction(a), tabulate_prediction(b)
+        formula, both = make_prediction_row(a), make_prediction_row(b)
         same = {name for name in formula if name[:5] not in added}
         assert {name: str(formula[name]) for name in same} == {
             name: str(both[name]) for name in same
@@ -50,9 +50,9 @@ def test_a_small_step_keeps_an_energy_by_the_formula_that_the_drag_does_not_rele
     # Origin: project facts, "Ends of the model": 0.5 N, mu 0.15, 10 um; the drag's figure there at
     # a damping ratio of 0.02
     point = replace(PAPER, normal_load=0.5)
-    found = predict_drag(Step(10e-6), point)
+    found = predict_single_drag(Step(10e-6), point)
     assert found.release.vibration_energy == pytest.approx(0.965e-6, rel=2e-3)
-    assert predictions.drag_in_time(Step(10e-6), point, False, 5e-3, damping_ratio=0.02)[
+    assert predictions.drag_and_measure_ring(Step(10e-6), point, False, 5e-3, damping_ratio=0.02)[
         1
     ].energy == pytest.approx(0.095e-6, rel=0.01)
     assert found.drag_differs
@@ -61,30 +61,30 @@ def test_a_small_step_keeps_an_energy_by_the_formula_that_the_drag_does_not_rele
 
 def test_at_25_um_and_a_quarter_newton_the_formula_gives_an_energy_and_the_drag_none():
     # Origin: project facts: 0.66 uJ against none
-    found = predict_drag(Step(25e-6), replace(PAPER, normal_load=0.25))
+    found = predict_single_drag(Step(25e-6), replace(PAPER, normal_load=0.25))
     assert found.release.vibration_energy == pytest.approx(0.66e-6, rel=0.01)
     assert found.in_time.energy == 0.0
     assert found.drag_differs
-    assert choose_energies([found, predict_drag(Step(25e-6), PAPER)])[1] == "drag"
+    assert choose_compared_energies([found, predict_single_drag(Step(25e-6), PAPER)])[1] == "drag"
 
 
 def test_as_the_step_vanishes_the_formula_keeps_fifty_thresholds_of_which_the_drag_leaves_a_third():
     # Origin: project facts: 0.01 um at 0.5 N keeps 0.068 uJ, 53 times the threshold of 0.08 uW over
     # 16 ms
-    found = predict_drag(Step(0.01e-6), replace(PAPER, normal_load=0.5))
+    found = predict_single_drag(Step(0.01e-6), replace(PAPER, normal_load=0.5))
     assert found.release.vibration_energy == pytest.approx(0.068e-6, rel=0.01)
     assert found.release.threshold_ratio == pytest.approx(53.0, rel=0.01)
     # a third: 21.9 nJ by `oracles.elastic_drag`, where floor and edge press each by itself as in
     # ours, so that neither vanishes with the step; held to 2 % of the 0.40 uJ stored
     assert found.in_time.energy == pytest.approx(21.9e-9, abs=0.02 * 0.40e-6)
     # what is left is the blow of the edge, which a slower hand does not give
-    slow = predict_drag(Step(0.01e-6), replace(PAPER, normal_load=0.5, speed=0.5e-3))
+    slow = predict_single_drag(Step(0.01e-6), replace(PAPER, normal_load=0.5, speed=0.5e-3))
     assert slow.felt_energy / PAPER.tool.ring_duration < PAPER.tool.detection_threshold
 
 
 def test_where_both_agree_the_formula_is_felt_and_the_flag_is_the_factor():
     made = [p for p in predict_and_drag_set(FOUR) if p.release.status is Status.RELEASES]
-    assert {tabulate_prediction(p)["felt_by"] for p in made} == {"formula", "drag"}
+    assert {make_prediction_row(p)["felt_by"] for p in made} == {"formula", "drag"}
     for p in made:
         apart = (
             max(p.energy_over_formula, 1.0 / p.energy_over_formula)

@@ -4,7 +4,7 @@ import pytest
 
 from stepblocks.declaration.set import StimulusSet
 from stepblocks.parts.kinds.step_block import StepBlock
-from stepblocks.predict.as_built import describe_energy_changes, replace_nominals
+from stepblocks.predict.as_built import describe_energy_changes, replace_nominal_sizes
 from stepblocks.predict.neighbours import compare_stimuli
 from stepblocks.predict.predictions import predict_by_formula
 from stepblocks.records.as_built import AsBuilt, AsBuiltValue
@@ -62,7 +62,7 @@ def test_both_edges_of_one_block_are_a_pair_to_compare():
 def test_a_record_of_the_second_step_moves_its_prediction_alone():
     stimuli = make_set(make_block())
     record = record_of(second_step_height=33e-6, second_edge_radius=1e-6)
-    first, second = predict_by_formula(replace_nominals(stimuli, {"two": record}))
+    first, second = predict_by_formula(replace_nominal_sizes(stimuli, {"two": record}))
     declared = list(predict_by_formula(stimuli))
     assert first.release == declared[0].release
     assert second.face.height == 33e-6

@@ -13,9 +13,9 @@ from stepblocks.parts.tolerance import Dimension
 from stepblocks.predict.predictions import _compute_stiffness_tolerance, predict_by_formula
 from stepblocks.predict.sheaths import (
     _format_release_count,
-    predict_conditions,
-    tabulate_decay_test,
-    tabulate_rings,
+    make_decay_test_rows,
+    make_ring_rows,
+    predict_probe_conditions,
     write_sheath_files,
 )
 
@@ -42,7 +42,7 @@ def test_the_page_on_sheaths_says_what_is_predicted_of_the_shipped_ones():
     page = SHIPPED.parents[1] / "docs" / "explanation" / "sheaths.md"
     cells = [line.strip("| ").split(" | ") for line in page.read_text("utf-8").splitlines()]
     said = [row for row in cells if len(row) == 8 and row[0] in ("none", "hard", "soft")]
-    table = tabulate_rings(SET)
+    table = make_ring_rows(SET)
     assert [row[:5] for row in said] == [
         [one["sheath"].removeprefix("sheath-"), one["use"]]
         + [one[name] for name in ("frequency_hz", "decay_time_ms", "log_decrement")]
@@ -56,7 +56,7 @@ def test_the_page_on_sheaths_says_what_is_predicted_of_the_shipped_ones():
 
 
 def test_equal_masses_differ_by_their_stiffness_alone():
-    bare, hard, soft, held_hard, held_soft = (one.ring for one in predict_conditions(SET))
+    bare, hard, soft, held_hard, held_soft = (one.ring for one in predict_probe_conditions(SET))
     assert hard.stiffness > soft.stiffness > bare.stiffness * (1.0 - 1e-12)
     assert soft.frequency < bare.frequency < hard.frequency
     # a soft sheath holds next to no strain energy on the shank, and much of it where the probe is
@@ -70,7 +70,9 @@ def test_the_same_force_stores_less_in_a_stiffer_probe():
         (p.stimulus, p.point.normal_load, p.face.far_side): p.release
         for p in predict_by_formula(SET)
     }
-    rings = {one.sheath: one.ring for one in predict_conditions(SET) if one.use == "on the shank"}
+    rings = {
+        one.sheath: one.ring for one in predict_probe_conditions(SET) if one.use == "on the shank"
+    }
     for (sheath, _, _), release in felt.items():
         if release.status.is_beyond_limit:
             continue
@@ -80,7 +82,7 @@ def test_the_same_force_stores_less_in_a_stiffer_probe():
 
 
 def test_the_damping_test_counts_the_releases_that_tell_a_sheath_from_none():
-    rows = tabulate_decay_test(SET)
+    rows = make_decay_test_rows(SET)
     for row in rows:  # the decrement is ln of two swings a period apart, T = 1 / f
         product = float(row["decay_time_ms"]) * float(row["frequency_hz"])
         assert product * float(row["log_decrement"]) == pytest.approx(1e3, rel=0.01)
@@ -106,10 +108,10 @@ def test_a_shank_too_thick_for_its_ring_and_a_sheath_too_long_for_its_shank_are_
         ).replace('position = { nominal = "10 mm"', 'position = { nominal = "60 mm"')
     )
     with pytest.raises(ContactError, match="must lie on the free length of the shank"):
-        predict_conditions(load_set(path))
+        predict_probe_conditions(load_set(path))
     path.write_text(text.replace('value = "300 Hz"', 'value = "350 Hz"'))
     with pytest.raises(ContactError, match="must not exceed that of the bare shank"):
-        predict_conditions(load_set(path))
+        predict_probe_conditions(load_set(path))
 
 
 def test_a_drag_with_a_sheath_rings_as_the_probe_in_that_sheath():
@@ -128,7 +130,7 @@ def test_a_drag_with_a_sheath_rings_as_the_probe_in_that_sheath():
 
 def test_a_bare_probe_wears_no_mass_and_each_sheath_that_of_its_tube():
     worn = {one.id: one.mass for one in SET.stimuli if hasattr(one, "sleeve")}
-    for one in predict_conditions(SET):
+    for one in predict_probe_conditions(SET):
         assert one.mass == worn.get(one.sheath, 0.0)
 
 
@@ -154,7 +156,9 @@ def test_three_files_stand_in_the_folder_of_a_set_with_sheaths(tmp_path):
     written = write_sheath_files(SET, tmp_path)
     assert [one.name for one in written] == ["rings.csv", "damping-test.csv", "probe.json"]
     assert sorted(tmp_path.iterdir()) == sorted(written)
-    assert (tmp_path / "rings.csv").read_text().count("\n") == len(predict_conditions(SET)) + 1
+    assert (tmp_path / "rings.csv").read_text().count("\n") == len(
+        predict_probe_conditions(SET)
+    ) + 1
 
 
 def test_a_difference_of_decrements_is_told_from_three_of_its_standard_uncertainties():

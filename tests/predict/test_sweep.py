@@ -17,10 +17,10 @@ from stepblocks.contact.critical_angle import find_step_angle
 from stepblocks.contact.energy import find_release
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.errors import PipelineError
-from stepblocks.predict.figures import compute_margin_map
+from stepblocks.predict.figures import compute_margin_map_forces
 from stepblocks.predict.predictions import predict_by_formula
 from stepblocks.predict.sweep.read import load_sweep
-from stepblocks.predict.sweep.rows import _find_rows_in_domain, draw_inputs
+from stepblocks.predict.sweep.rows import _mark_rows_in_domain, sample_row_inputs
 from stepblocks.predict.sweep.run import run_sweep
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
@@ -87,7 +87,7 @@ friction = [0.1, 0.15, 0.3]
 normal_load = ["0.5 N", "1 N"]
 """
     plan = plan_of(tmp_path, text)
-    drawn = draw_inputs(plan, range(plan.row_count))
+    drawn = sample_row_inputs(plan, range(plan.row_count))
     rows = set(zip(drawn["height"], drawn["friction"], drawn["normal_load"], strict=True))
     assert len(rows) == plan.row_count == 60
     run_sweep(plan, tmp_path / "out")
@@ -101,7 +101,7 @@ def test_draws_of_one_point_scatter_by_their_uncertainty(tmp_path):
         '[parameters]\nheight = "30 um"\nfriction = 0.2\n[draws]\ncount = 4000\nheight = "0.5 um"\n'
     )
     plan = plan_of(tmp_path, text)
-    heights = draw_inputs(plan, range(plan.row_count))["height"]
+    heights = sample_row_inputs(plan, range(plan.row_count))["height"]
     assert heights.mean() == pytest.approx(30e-6, abs=4 * 0.5e-6 / 4000**0.5)
     assert heights.std() == pytest.approx(0.5e-6, rel=0.05)
 
@@ -246,12 +246,12 @@ def test_a_number_of_processes_that_cannot_be_is_refused(jobs, tmp_path):
 
 def test_random_inputs_fill_their_ranges_evenly_and_do_not_hang_together(tmp_path):
     plan = plan_of(tmp_path, RANDOM.format(rows=20_000, size=100, mode="static"))
-    drawn = draw_inputs(plan, range(0, plan.row_count, 1))
+    drawn = sample_row_inputs(plan, range(0, plan.row_count, 1))
     height, friction = drawn["height"][::3], drawn["friction"][::3]
     assert friction.mean() == pytest.approx(0.15, abs=4 * 0.1 / 12**0.5 / 20_000**0.5)
     assert (drawn["normal_load"] == 0.3).mean() == pytest.approx(0.5, abs=0.02)
     assert abs(np.corrcoef(height, friction)[0, 1]) < 4 / 20_000**0.5
-    again = draw_inputs(plan, range(1000, 1010))
+    again = sample_row_inputs(plan, range(1000, 1010))
     assert all((again[name] == drawn[name][1000:1010]).all() for name in drawn)
 
 
@@ -325,7 +325,7 @@ def test_a_sweep_over_crown_margins_is_the_margin_map(tmp_path):
         np.array([30e-6, 70e-6]),
         np.array([15e-6, 0.0, -15e-6]),
     )
-    to_tooth, to_crown = compute_margin_map(*axes, OperatingPoint(90e-6, 0.7, 0.12))
+    to_tooth, to_crown = compute_margin_map_forces(*axes, OperatingPoint(90e-6, 0.7, 0.12))
     for _, row in frame.iterrows():
         forces = to_tooth if row.drag == "crown-to-tooth" else to_crown
         i, j = (
@@ -480,7 +480,7 @@ def test_a_sweep_is_the_same_in_whatever_order_its_parameters_are_named(tmp_path
 def test_a_sharp_edge_a_step_of_no_height_and_no_friction_lie_inside_the_equations():
     one = dict.fromkeys(("tip_radius", "normal_load", "stiffness", "conversion"), np.ones(4))
     sizes = {"height": np.array([20e-6, 0.0, -1e-6, np.inf]), "edge_radius": np.zeros(4)}
-    inside = _find_rows_in_domain("step", one | sizes | {"friction": np.zeros(4)})
+    inside = _mark_rows_in_domain("step", one | sizes | {"friction": np.zeros(4)})
     assert inside.tolist() == [True, True, False, False]
 
 

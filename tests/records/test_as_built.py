@@ -8,9 +8,9 @@ from stepblocks.errors import MetrologyError, PipelineError
 from stepblocks.records.as_built import (
     AsBuilt,
     AsBuiltValue,
-    list_measured_edges,
+    collect_measured_edges,
     read_as_built,
-    read_records,
+    read_one_record_per_stimulus,
     read_records_by_serial,
     write_as_built,
 )
@@ -67,13 +67,13 @@ def test_folders_and_files_may_be_mixed_and_records_are_found_by_their_stimulus(
     for name in ("step-050", "step-060"):
         write_as_built(tmp_path / "folder" / f"{name}.as-built.toml", record(name))
     write_as_built(tmp_path / "any-name.toml", record("step-070"))
-    found = read_records([tmp_path / "folder", tmp_path / "any-name.toml"])
+    found = read_one_record_per_stimulus([tmp_path / "folder", tmp_path / "any-name.toml"])
     assert sorted(found) == ["step-050", "step-060", "step-070"]
     with pytest.raises(PipelineError, match="name each stimulus once, got step-070 twice"):
-        read_records([tmp_path / "any-name.toml", tmp_path / "any-name.toml"])
+        read_one_record_per_stimulus([tmp_path / "any-name.toml", tmp_path / "any-name.toml"])
     (tmp_path / "empty").mkdir()
     with pytest.raises(PipelineError, match="at least one record"):
-        read_records([tmp_path / "empty"])
+        read_one_record_per_stimulus([tmp_path / "empty"])
 
 
 def test_folders_in_a_folder_are_those_of_serial_numbers(tmp_path):
@@ -86,11 +86,11 @@ def test_folders_in_a_folder_are_those_of_serial_numbers(tmp_path):
         "SN-2": ["step-050"],
     }
     with pytest.raises(PipelineError, match="give the folder of one serial number"):
-        read_records([tmp_path])
+        read_one_record_per_stimulus([tmp_path])
 
 
 def test_a_record_without_a_height_says_nothing_of_an_edge():
-    edges = list_measured_edges(
+    edges = collect_measured_edges(
         {"tip-125": record("tip-125", ball_radius=RADIUS), "step-050": record()}
     )
     assert edges == {"step-050": {"height_m": 50.2e-6, "height_std_m": 20e-9}}
@@ -164,7 +164,7 @@ def test_an_inspected_block_speaks_in_the_closed_loop_with_its_own_height_and_ed
         tmp_path / "step-050.as-built.toml",
         AsBuilt("step-050", "scan.x3p", "0" * 64, "type A1", values),
     )
-    edges = list_measured_edges(read_records([tmp_path]))
+    edges = collect_measured_edges(read_one_record_per_stimulus([tmp_path]))
     assert edges["step-050"] == pytest.approx(
         {
             "height_m": 50.4e-6,

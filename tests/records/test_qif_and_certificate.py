@@ -20,13 +20,13 @@ from stepblocks.records.certificate import (
     CertifiedCharacteristic,
     Conformity,
     build_certificate_content,
-    format_row,
+    format_table_cells,
     write_certificate,
-    write_pdf,
+    write_certificate_pdf,
 )
 from stepblocks.records.laboratory import InstrumentRecord, Laboratory
 from stepblocks.records.qif import write_qif
-from stepblocks.records.qif_read import match_results, read_qif_results
+from stepblocks.records.qif_read import match_results_to_keys, read_qif_results
 
 STIMULI = Path(__file__).parents[2] / "stimuli"
 PARTS = list_shipped_parts()
@@ -184,7 +184,7 @@ def test_samples_of_other_programs_are_read():
         pytest.approx(19e-3),
     )
     assert bore.limits == pytest.approx((-0.13e-3, 0.13e-3))
-    assert match_results(results, {"10": "bore"}).keys() == {"bore"}
+    assert match_results_to_keys(results, {"10": "bore"}).keys() == {"bore"}
 
 
 LABORATORY = Laboratory(
@@ -289,7 +289,7 @@ def test_a_row_shows_two_digits_of_the_uncertainty_and_the_whole_label(value, ex
         assumed=(),
         conformity=Conformity.PASS,
     )
-    row = format_row(result)
+    row = format_table_cells(result)
     assert tuple(row[2:4]) == shown
     assert row[1].split() == label.split()
     assert max(map(len, row[1].splitlines())) <= 44
@@ -316,7 +316,7 @@ def test_a_page_says_when_it_is_issued_for_whom_and_has_a_line_to_sign(tmp_path)
     content = build_certificate_content(
         PARTS["step-050"], result.build_record(), order, "ab" * 32, laboratory
     )
-    page = content.render("certificate.txt.j2")
+    page = content.render_template("certificate.txt.j2")
     assert "issued: 2026-11-22" in page
     assert re.search("signer: A. Signer +signature: _{20}", page)
     assert "customer: Clinic" in page
@@ -339,7 +339,7 @@ def test_a_page_that_the_disk_has_no_room_for_is_an_error_of_the_disk(tmp_path):
         for room in (size // 8, size // 4, size // 2, size - 1):
             resource.setrlimit(resource.RLIMIT_FSIZE, (room, limits[1]))
             with pytest.raises(PipelineError, match="File too large"):
-                write_pdf(page, content)
+                write_certificate_pdf(page, content)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
         signal.signal(signal.SIGXFSZ, usual)

@@ -11,7 +11,7 @@ from stepblocks.contact.counterface import Profile
 from stepblocks.errors import MetrologyError
 from stepblocks.inspect.run import inspect_scan
 from stepblocks.parts.kinds.step_block import StepBlock
-from stepblocks.scans.memory import convert_scan
+from stepblocks.scans.memory import convert_scan_in_memory
 from stepblocks.scans.scan import HeightMap, ScannedProfile
 
 X = np.arange(-200, 200) * 1e-6  # [m]
@@ -21,7 +21,7 @@ REGISTRY = pint.UnitRegistry()
 
 
 def test_arrays_in_a_stated_unit_are_the_profile_in_metres():
-    scan = convert_scan((X * 1e3, Z * 1e6), "x=mm,z=um")
+    scan = convert_scan_in_memory((X * 1e3, Z * 1e6), "x=mm,z=um")
     np.testing.assert_allclose(scan.position, X, rtol=1e-12, atol=1e-18)
     np.testing.assert_allclose(scan.height, Z, rtol=1e-12)
 
@@ -37,7 +37,9 @@ def test_a_verdict_does_not_hang_on_the_unit_in_which_arrays_are_given():
 
 
 def test_quantities_of_pint_keep_their_unit():
-    scan = convert_scan((REGISTRY.Quantity(X * 1e3, "mm"), REGISTRY.Quantity(Z * 1e6, "um")))
+    scan = convert_scan_in_memory(
+        (REGISTRY.Quantity(X * 1e3, "mm"), REGISTRY.Quantity(Z * 1e6, "um"))
+    )
     np.testing.assert_allclose(scan.height, Z, rtol=1e-12)
     np.testing.assert_allclose(scan.position, X, rtol=1e-12, atol=1e-18)
 
@@ -52,12 +54,12 @@ def test_quantities_of_pint_keep_their_unit():
     ],
 )
 def test_masked_and_missing_points_were_not_measured(heights):
-    np.testing.assert_array_equal(np.isnan(convert_scan((X, heights)).height), HIDDEN)
+    np.testing.assert_array_equal(np.isnan(convert_scan_in_memory((X, heights)).height), HIDDEN)
 
 
 @pytest.mark.parametrize("fill", [-9999.0, -32768.0, 32767.0, 1e30])
 def test_values_that_fill_gaps_of_arrays_were_not_measured_and_this_is_said(fill):
-    scan = convert_scan((X * 1e6, np.where(HIDDEN, fill, Z * 1e6)), "um")
+    scan = convert_scan_in_memory((X * 1e6, np.where(HIDDEN, fill, Z * 1e6)), "um")
     np.testing.assert_array_equal(np.isnan(scan.height), HIDDEN)
     assert "stands for a missing value" in scan.scale
 
@@ -69,7 +71,7 @@ def test_a_labelled_array_is_read_by_its_coordinates_and_their_units():
     coordinates = {"x": along, "y": across}
     heights = np.tile(Z[::-1] * 1e9, (3, 1))
     array = xarray.DataArray(heights, coordinates, ("y", "x"), attrs={"units": "nm"})
-    scan = convert_scan(array)
+    scan = convert_scan_in_memory(array)
     assert isinstance(scan, HeightMap)
     np.testing.assert_allclose(scan.height, np.tile(Z, (3, 1)), rtol=1e-12)
     assert (scan.dx, scan.dy) == pytest.approx((1e-6, 2e-6), rel=1e-9)
@@ -92,4 +94,4 @@ def test_a_labelled_array_is_read_by_its_coordinates_and_their_units():
 )
 def test_what_cannot_be_followed_is_refused_by_name(scan, options, rule):
     with pytest.raises(MetrologyError, match=rule):
-        convert_scan(scan, **options)
+        convert_scan_in_memory(scan, **options)

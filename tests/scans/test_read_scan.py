@@ -31,7 +31,7 @@ from oracles.scan_files import (
     write_x3p,
 )
 from stepblocks.errors import MetrologyError
-from stepblocks.scans.height_scale import check_against_stated_scale, read_height_scale
+from stepblocks.scans.height_scale import check_heights_against_scale, read_height_scale
 from stepblocks.scans.read import FORMATS, read_scan, read_scan_in_worker
 from stepblocks.scans.scan import HeightMap, ScannedProfile
 
@@ -83,9 +83,9 @@ def test_the_unit_of_floating_formats_is_read_a_second_time_from_the_file_itself
     write_opdx(tmp_path / "a.opdx")
     scale = read_height_scale(tmp_path / "a.opdx", "opdx", "")
     assert (scale.count, scale.integral) == (pytest.approx(2e-10), False)
-    assert "checked" in check_against_stated_scale(COUNTS * COUNT, scale, "a.opdx", 2e-10)
+    assert "checked" in check_heights_against_scale(COUNTS * COUNT, scale, "a.opdx", 2e-10)
     with pytest.raises(MetrologyError, match="per count"):
-        check_against_stated_scale(COUNTS * COUNT, scale, "a.opdx", 1.6e-9)
+        check_heights_against_scale(COUNTS * COUNT, scale, "a.opdx", 1.6e-9)
     write_gwy(tmp_path / "b.gwy")
     raw = (tmp_path / "b.gwy").read_bytes()
     (tmp_path / "c.gwy").write_bytes(raw.replace(b"unitstr\0sm\0", b"unitstr\0sV\0"))
@@ -114,9 +114,9 @@ def test_the_scale_of_packed_formats_is_read_a_second_time_from_index_and_stored
     assert scan.scale.endswith("checked")
     for wrong in (1e3, 8.0):  # the reader errs in the heights alone, and in what it says too
         with pytest.raises(MetrologyError, match="must lie within"):
-            check_against_stated_scale(scan.height * wrong, scale, name, one)
+            check_heights_against_scale(scan.height * wrong, scale, name, one)
         with pytest.raises(MetrologyError, match="per count"):
-            check_against_stated_scale(scan.height * wrong, scale, name, one * wrong)
+            check_heights_against_scale(scan.height * wrong, scale, name, one * wrong)
 
 
 def repacked(path, member, change):
@@ -169,11 +169,11 @@ def test_a_reader_that_is_wrong_by_a_factor_of_eight_is_caught_by_the_header(nam
     WRITERS[name](path)
     scale = read_height_scale(path, FORMATS[(path).suffix], "")
     assert scale.count == pytest.approx(COUNT, rel=1e-6)
-    check_against_stated_scale(COUNTS * COUNT, scale, name, COUNT)
+    check_heights_against_scale(COUNTS * COUNT, scale, name, COUNT)
     with pytest.raises(MetrologyError, match="per count"):
-        check_against_stated_scale(COUNTS * COUNT, scale, name, 8.0 * COUNT)
+        check_heights_against_scale(COUNTS * COUNT, scale, name, 8.0 * COUNT)
     with pytest.raises(MetrologyError, match="must be multiples"):
-        check_against_stated_scale(COUNTS * COUNT / 8.0, scale, name)
+        check_heights_against_scale(COUNTS * COUNT / 8.0, scale, name)
 
 
 def test_a_unit_is_refused_where_the_file_says_its_own(tmp_path):

@@ -7,7 +7,7 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 
 from stepblocks.errors import MetrologyError
 from stepblocks.scans.read import read_scan
-from stepblocks.scans.scan import ScannedProfile, list_profiles
+from stepblocks.scans.scan import ScannedProfile, split_into_profiles
 
 
 @pytest.mark.parametrize(
@@ -66,7 +66,7 @@ def test_a_grid_of_points_becomes_a_map_and_missing_points_stay_missing(tmp_path
     assert scan.height.shape == (3, 4)
     assert np.isnan(scan.height[1, 2])
     assert scan.height[2, 3] == pytest.approx(23e-6)
-    assert len(list_profiles(scan)) == 3
+    assert len(split_into_profiles(scan)) == 3
 
 
 @pytest.mark.parametrize(

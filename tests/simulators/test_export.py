@@ -343,7 +343,7 @@ def test_several_simulators_are_written_in_one_start(tmp_path):
 
 def test_a_scene_says_where_predict_calls_another_energy_felt(tmp_path):
     """50 um at 0.3 N by the drag in time, the same model that predict has in its column."""
-    from stepblocks.predict.predictions import predict_drag
+    from stepblocks.predict.predictions import predict_single_drag
 
     (done,) = export_scenes(SET, "forcelaw", tmp_path, only="step-050", normal_load=1.0)
     text = (done.folder / "README.md").read_text()
@@ -352,5 +352,5 @@ def test_a_scene_says_where_predict_calls_another_energy_felt(tmp_path):
     part = next(part for part in stimuli.stimuli if part.id == "step-050")
     point = choose_operating_point(stimuli, part, {"normal_load": 1.0})
     assert ratio == pytest.approx(
-        predict_drag(part.counterface(), point).energy_over_formula, rel=1e-2
+        predict_single_drag(part.counterface(), point).energy_over_formula, rel=1e-2
     )

@@ -11,7 +11,7 @@ import pytest
 
 from stepblocks.declaration.read import load_set
 from stepblocks.errors import ContactError, PipelineError, StudyError
-from stepblocks.predict.predictions import predict_drag
+from stepblocks.predict.predictions import predict_single_drag
 from stepblocks.study.design.blocks import choose_blocks
 from stepblocks.study.design.simulate import Observer
 from stepblocks.study.power import study_power
@@ -70,7 +70,7 @@ def test_energies_are_those_of_equation_one_unless_the_drag_in_time_says_otherwi
     assert found == pytest.approx(0.20 * 0.5 * force**2 / 9.81e3, rel=1e-9)
     # with the higher blocks, of whose energy the drag keeps more than twice as much, the drag
     # speaks for all
-    asked = [predict_drag(block.counterface(), point) for block in stimuli.step_block]
+    asked = [predict_single_drag(block.counterface(), point) for block in stimuli.step_block]
     assert [one.drag_differs for one in asked] == [False, True, True, True]
     assert list(choose_blocks(FOUR, place).predict_energies().values()) == [
         one.in_time.energy for one in asked
@@ -84,7 +84,7 @@ def test_what_is_left_out_is_the_first_of_the_file_under_which_every_block_rings
     # under 0.25 N the drag walks over the step of 25 um: not the first load, the second
     assert point.normal_load == grid.normal_loads[1]
     assert (
-        predict_drag(
+        predict_single_drag(
             stimuli.step_block[0].counterface(), replace(point, normal_load=0.25)
         ).felt_energy
         == 0.0

@@ -398,11 +398,13 @@ def test_a_drag_that_nobody_wants_any_more_ends_before_its_next_part():
     kept = KeptPredictions()
     wanted = iter([True, False])
     speed = 5e-3
-    assert kept.predict(stimuli, False, speed, lambda: next(wanted)) is None
+    assert kept.predict_reusing_kept(stimuli, False, speed, lambda: next(wanted)) is None
     # the part that was predicted until then is kept: those behind it alone are asked about
     wanted = iter([True] * (len(stimuli.stimuli) - 1))
-    found = kept.predict(stimuli, False, speed, lambda: next(wanted))
-    assert len(found.rows) == len(KeptPredictions().predict(stimuli, False, speed).rows)
+    found = kept.predict_reusing_kept(stimuli, False, speed, lambda: next(wanted))
+    assert len(found.rows) == len(
+        KeptPredictions().predict_reusing_kept(stimuli, False, speed).rows
+    )
 
 
 def test_a_set_of_which_one_part_is_changed_is_felt_as_if_it_were_new():

@@ -137,12 +137,12 @@ def _count_different_lines(wanted: str, found: str) -> int:
 
     Figures may differ by one in their last digit, which a last bit can turn on another processor.
     """
-    from stepblocks.predict.columns import agree_to_last_digit
+    from stepblocks.predict.columns import agree_to_sixth_digit
 
     count = 0
     rows = zip_longest(csv.reader(wanted.splitlines()), csv.reader(found.splitlines()))
     for wanted_row, found_row in rows:
         cells = zip_longest(wanted_row or [], found_row or [], fillvalue="")
-        if not all(agree_to_last_digit(one_cell, other_cell) for one_cell, other_cell in cells):
+        if not all(agree_to_sixth_digit(one_cell, other_cell) for one_cell, other_cell in cells):
             count += 1
     return count

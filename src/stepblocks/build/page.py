@@ -12,7 +12,7 @@ from stepblocks.declaration.set import StimulusSet
 from stepblocks.files.atomic import replace_text
 from stepblocks.files.pages import render_page
 from stepblocks.parts.kind import Part
-from stepblocks.predict.columns import tabulate_prediction
+from stepblocks.predict.columns import make_prediction_row
 from stepblocks.predict.predictions import Prediction
 from stepblocks.quantities import format_span
 
@@ -209,7 +209,7 @@ def _collect_row(
         folder=f"{set_name}/{part.id}",
         links=links,
         files=[name for name in record.outputs if Path(name).suffix in _LINKED_ENDINGS],
-        predictions=[tabulate_prediction(prediction) for prediction in predictions],
+        predictions=[make_prediction_row(prediction) for prediction in predictions],
         summary=list(describe_felt_ranges(predictions)),
         material=material.designation,
         colour=_COLOUR_BY_MATERIAL.get(material.name, _COLOUR),

@@ -179,8 +179,11 @@ def _predict_sets(
     from stepblocks.declaration.read import load_sets
     from stepblocks.files.atomic import replace_text
     from stepblocks.files.tables import format_csv
-    from stepblocks.predict.columns import choose_terminal_columns, format_row
-    from stepblocks.predict.predictions import describe_felt, describe_left_out
+    from stepblocks.predict.columns import choose_terminal_columns, format_row_cells
+    from stepblocks.predict.predictions import (
+        describe_felt_model,
+        describe_predictions_beyond_limits,
+    )
 
     sets = [declared for declared, _ in load_sets(files)]
     if records:
@@ -189,13 +192,13 @@ def _predict_sets(
         predicted = _predict_as_declared(sets, asked)
     rows: list[dict[str, str]] = []
     for found in predicted:
-        rows += map(format_row, found.rows)
+        rows += map(format_row_cells, found.rows)
     if not rows:
         raise PipelineError(
             "a prediction needs a stimulus that is felt, got parts of the apparatus alone"
         )
     predictions = _list_predictions(predicted)
-    notes = [*describe_left_out(predictions), *describe_felt(predictions)]
+    notes = [*describe_predictions_beyond_limits(predictions), *describe_felt_model(predictions)]
     if perception:
         notes += _write_pairs(predicted, asked, perception)
     if plots:
@@ -245,7 +248,7 @@ def _predict_as_built(
     groups = read_records_by_serial(paths)
     for stimuli in sets:
         for serial, records in groups.items():
-            of_block = as_built.select_recorded(stimuli, serial, records)
+            of_block = as_built.select_recorded_stimuli(stimuli, serial, records)
             if of_block is None:
                 continue
             for sentence in as_built.describe_energy_changes(of_block, records):
@@ -255,7 +258,7 @@ def _predict_as_built(
                 print(f"{begin}{format_units(sentence)}", file=sys.stderr)
     predicted: list[PredictedSet] = []
     for stimuli in sets:
-        predicted += as_built.predict_blocks(
+        predicted += as_built.predict_blocks_by_serial(
             stimuli, groups, asked.in_time, asked.speed, asked.discrimination
         )
     if not any(found.rows for found in predicted):
@@ -270,11 +273,11 @@ def _write_pairs(predicted: "list[PredictedSet]", asked: _Asked, path: Path) -> 
     import pandas as pd
 
     from stepblocks.files.tables import write_table
-    from stepblocks.predict.neighbours import tabulate_pairs, yield_pairs
+    from stepblocks.predict.neighbours import iterate_pairs, tabulate_pairs
 
     tables = []
     for found in predicted:
-        pairs = yield_pairs(found.stimuli, found.predictions, asked.discrimination)
+        pairs = iterate_pairs(found.stimuli, found.predictions, asked.discrimination)
         table = tabulate_pairs(pairs)
         if "serial" in found.rows[0]:
             table.insert(0, "serial", found.rows[0]["serial"])
@@ -295,14 +298,14 @@ def _write_pairs(predicted: "list[PredictedSet]", asked: _Asked, path: Path) -> 
 
 def _write_plots(predicted: "list[PredictedSet]", asked: _Asked, folder: Path) -> list[str]:
     """Write the plots of several sets; return their paths."""
-    from stepblocks.predict.figures import write_plots
-    from stepblocks.predict.neighbours import yield_pairs
+    from stepblocks.predict.figures import write_prediction_plots
+    from stepblocks.predict.neighbours import iterate_pairs
     from stepblocks.predict.neighbours_figure import write_neighbour_plots
 
     paths: list[str] = []
     for found in predicted:
-        paths += map(str, write_plots(found.stimuli, folder))
-        pairs = yield_pairs(
+        paths += map(str, write_prediction_plots(found.stimuli, folder))
+        pairs = iterate_pairs(
             found.stimuli, found.predictions, asked.discrimination, only_neighbours=True
         )
         paths += map(str, write_neighbour_plots(found.stimuli.name, pairs, folder))
@@ -311,11 +314,11 @@ def _write_plots(predicted: "list[PredictedSet]", asked: _Asked, folder: Path) -
 
 def _tabulate_rings(sets: "list[StimulusSet]") -> dict[str, Any]:
     """Return the rings of the probes of several sets as tables, by their titles."""
-    from stepblocks.predict.sheaths import tabulate_rings
+    from stepblocks.predict.sheaths import make_ring_rows
 
     tables = {}
     for stimuli in sets:
-        rows = tabulate_rings(stimuli)
+        rows = make_ring_rows(stimuli)
         if rows:
             tables[f"ring of the probe of {stimuli.name}"] = rows
     return tables

@@ -58,9 +58,9 @@ def _read_factors_by_condition(text: str) -> dict[str, float]:
     are then the shares of the energy that the sheaths let through.
     """
     if text.endswith(".toml"):
-        from stepblocks.predict.sheaths import find_energy_shares
+        from stepblocks.predict.sheaths import compute_transmitted_energy_shares
 
-        return find_energy_shares(text)
+        return compute_transmitted_energy_shares(text)
     read = make_quantity_reader("ratio")
     pairs = read_pairs(text, "name=share")
     return {condition: read(factor) for condition, factor in pairs.items()}

@@ -13,7 +13,7 @@ from stepblocks.inspect.budget import Measured
 from stepblocks.inspect.evaluation import AS_FOUND, EvaluationOptions
 from stepblocks.inspect.noise import LEAST_SCATTER, Array, Mask, estimate_robust_scale
 from stepblocks.inspect.notes import Note, NoteKind
-from stepblocks.scans.scan import HeightMap, ScannedProfile, list_profiles
+from stepblocks.scans.scan import HeightMap, ScannedProfile, split_into_profiles
 
 Result = TypeVar("Result")
 
@@ -46,7 +46,7 @@ def sample_profiles(
         If the part that is asked for holds fewer than three points.
     """
     notes = []
-    rows = list_profiles(scan)
+    rows = split_into_profiles(scan)
     if len(rows) > _MOST_PROFILES:
         chosen = np.unique(np.linspace(0, len(rows) - 1, _MOST_PROFILES).round().astype(int))
         notes.append(NoteKind.PROFILES_SAMPLED.make_note(evaluated=len(chosen), total=len(rows)))

@@ -10,7 +10,7 @@ from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.inspect.budget import UNSTATED, Component, Measured, Source
 from stepblocks.inspect.evaluation import Evaluation
 from stepblocks.inspect.notes import NoteKind
-from stepblocks.records.qif_read import QifResult, match_results, read_qif_results
+from stepblocks.records.qif_read import QifResult, match_results_to_keys, read_qif_results
 from stepblocks.records.sheet_read import is_filled_sheet, read_filled_sheet
 from stepblocks.scans.read import Scan
 
@@ -54,7 +54,7 @@ def read_results_of_others(
     else:
         results = read_filled_sheet(path, layout)
         origin = "as the inspection sheet states it"
-    matched = match_results(results, keys_by_name)
+    matched = match_results_to_keys(results, keys_by_name)
     if not matched:
         names = ", ".join(_list_result_names(results))
         raise PipelineError(

@@ -73,14 +73,14 @@ def _measure_scan(path: Path, layout: TableLayout) -> dict[str, float]:
     from stepblocks.inspect.edge import fit_edge
     from stepblocks.scans.formats.text import TEXT_ENDINGS
     from stepblocks.scans.read import read_scan
-    from stepblocks.scans.scan import list_profiles
+    from stepblocks.scans.scan import split_into_profiles
 
     declared = UNDECLARED
     if path.suffix.lower() in TEXT_ENDINGS:
         declared = layout
     scan = read_scan(path, layout=declared)
     heights, radii = [], []
-    for line in list_profiles(scan):
+    for line in split_into_profiles(scan):
         edge = fit_edge(line.position, line.height)
         heights.append(edge.height)
         radii.append(edge.radius)

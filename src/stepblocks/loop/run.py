@@ -50,7 +50,7 @@ from stepblocks.loop.session_table import (
     build_session_table,
     find_regime_hints,
 )
-from stepblocks.records.as_built import list_measured_edges, read_records
+from stepblocks.records.as_built import collect_measured_edges, read_one_record_per_stimulus
 from stepblocks.records.model import build_model_document
 
 if TYPE_CHECKING:
@@ -128,7 +128,7 @@ def loop_session(
     """
     inspected = {}
     if as_built:
-        inspected = list_measured_edges(read_records(list(map(Path, as_built))))
+        inspected = collect_measured_edges(read_one_record_per_stimulus(list(map(Path, as_built))))
     place = None if output is None else Path(output)
     if isinstance(session, pd.DataFrame):
         refuse_layout(layout, "a table in memory", PipelineError)

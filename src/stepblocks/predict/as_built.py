@@ -17,7 +17,7 @@ from stepblocks.parts.kinds.step_block import get_second_step
 from stepblocks.parts.second_step import SECOND
 from stepblocks.parts.tolerance import Dimension
 from stepblocks.predict.columns import Cell
-from stepblocks.predict.neighbours import tabulate_predictions
+from stepblocks.predict.neighbours import make_prediction_rows
 from stepblocks.predict.perception import LITERATURE, Discrimination
 from stepblocks.predict.predictions import Prediction, predict_and_drag_set, predict_by_formula
 from stepblocks.records.as_built import AsBuilt, AsBuiltValue
@@ -42,7 +42,7 @@ def predict_as_declared(
 ) -> PredictedSet:
     """Predict a set at its nominal sizes; `dragged`, `speed`: see `predict_and_drag_set`."""
     predictions = predict_and_drag_set(stimuli, dragged, speed)
-    rows = tabulate_predictions(stimuli, predictions, discrimination)
+    rows = make_prediction_rows(stimuli, predictions, discrimination)
     return PredictedSet(stimuli, predictions, rows)
 
 
@@ -55,22 +55,22 @@ def predict_as_built(
 ) -> PredictedSet:
     """Predict what was measured in place of the nominal; with the rows of a table.
 
-    Where any surface was scanned, the rows have the columns of `tabulate_surface`, too.
+    Where any surface was scanned, the rows have the columns of `make_surface_columns`, too.
     """
-    built = replace_nominals(stimuli, records)
+    built = replace_nominal_sizes(stimuli, records)
     nominal = predict_and_drag_set(built, dragged, speed)
     predictions = tuple(predict_from_surfaces(nominal, built, records))
-    rows = tabulate_predictions(built, predictions, discrimination)
+    rows = make_prediction_rows(built, predictions, discrimination)
     if any(record.surface is not None for record in records.values()):
-        release_over_surface = prepare_surface_releases(stimuli, records)
+        release_over_surface = make_surface_release_function(stimuli, records)
         for row, prediction in zip(rows, predictions, strict=True):
-            row |= tabulate_surface(release_over_surface(prediction))
+            row |= make_surface_columns(release_over_surface(prediction))
     return PredictedSet(built, predictions, rows)
 
 
-def predict_blocks(
+def predict_blocks_by_serial(
     stimuli: StimulusSet,
-    groups: Mapping[str, Records],
+    records_by_serial: Mapping[str, Records],
     dragged: bool | None,
     speed: float,
     discrimination: Discrimination = LITERATURE,
@@ -81,7 +81,7 @@ def predict_blocks(
     ----------
     stimuli : StimulusSet
         What was asked for.
-    groups : mapping
+    records_by_serial : mapping
         Records by stimulus, by serial number; those without a number stand for the set.
     dragged, speed
         As `predict_and_drag_set` takes them.
@@ -94,9 +94,9 @@ def predict_blocks(
         Rows have a column ``serial`` where a number is known.
     """
     predicted: list[PredictedSet] = []
-    has_serials = any(groups)
-    for serial, records in groups.items():
-        of_block = select_recorded(stimuli, serial, records)
+    has_serials = any(records_by_serial)
+    for serial, records in records_by_serial.items():
+        of_block = select_recorded_stimuli(stimuli, serial, records)
         if of_block is None:
             continue
         found = predict_as_built(of_block, records, dragged, speed, discrimination)
@@ -107,7 +107,9 @@ def predict_blocks(
     return predicted
 
 
-def select_recorded(stimuli: StimulusSet, serial: str, records: Records) -> StimulusSet | None:
+def select_recorded_stimuli(
+    stimuli: StimulusSet, serial: str, records: Records
+) -> StimulusSet | None:
     """Return the set of the stimuli that a serial number has records of; None of none."""
     if not serial:
         return stimuli
@@ -117,30 +119,30 @@ def select_recorded(stimuli: StimulusSet, serial: str, records: Records) -> Stim
     return stimuli.with_parts(recorded)
 
 
-def replace_nominals(stimuli: StimulusSet, records: Records) -> StimulusSet:
+def replace_nominal_sizes(stimuli: StimulusSet, records: Records) -> StimulusSet:
     """Replace the nominal of every step that has a record by what was measured."""
-    parts = [_replace_nominal(part, records.get(part.id)) for part in stimuli.stimuli]
+    parts = [_replace_nominal_sizes_of_part(part, records.get(part.id)) for part in stimuli.stimuli]
     return stimuli.with_parts(parts)
 
 
-def _replace_nominal(part: Part, record: AsBuilt | None) -> Part:
+def _replace_nominal_sizes_of_part(part: Part, record: AsBuilt | None) -> Part:
     """Replace nominal height and edge radius of all edges of a part by the measured ones."""
     if record is None or "height" not in part.sizes:
         return part
     source = f"as built, {record.scan}"
-    first = _find_measured_sizes(record.contact_height, record.values.get("edge_radius"))
-    update: dict[str, object] = {**_make_measured_sizes(part.sizes, first, source)}
+    first = _collect_measured_sizes(record.contact_height, record.values.get("edge_radius"))
+    update: dict[str, object] = {**_make_measured_dimensions(part.sizes, first, source)}
     second_step = get_second_step(part)
     if second_step is not None:
         radius = record.values.get("second_edge_radius")
-        second = _find_measured_sizes(record.second_contact_height, radius)
+        second = _collect_measured_sizes(record.second_contact_height, radius)
         sizes = {"height": second_step.height, "edge_radius": second_step.edge_radius}
-        replaced = _make_measured_sizes(sizes, second, source)
+        replaced = _make_measured_dimensions(sizes, second, source)
         update["second_step"] = second_step.model_copy(update=replaced)
     return part.model_copy(update=update)
 
 
-def _find_measured_sizes(
+def _collect_measured_sizes(
     height: float | None, edge_radius: AsBuiltValue | None
 ) -> dict[str, float]:
     """Return the sizes that were measured of an edge, by the names of a counterface [m]."""
@@ -152,7 +154,7 @@ def _find_measured_sizes(
     return measured
 
 
-def _make_measured_sizes(
+def _make_measured_dimensions(
     sizes: Mapping[str, Dimension], measured: Mapping[str, float], source: str
 ) -> dict[str, Dimension]:
     """Make the measured sizes, with the tolerances of the nominal ones and their source."""
@@ -162,7 +164,7 @@ def _make_measured_sizes(
     return replaced
 
 
-def prepare_surface_releases(
+def make_surface_release_function(
     stimuli: StimulusSet, records: Records
 ) -> Callable[[Prediction], Release | None]:
     """Prepare to predict from the scanned surfaces, by the path of the tip over each.
@@ -172,7 +174,7 @@ def prepare_surface_releases(
     tool = stimuli.prediction.as_tool()
 
     @cache  # a path is long to compute and serves every load and friction
-    def find_angle(stimulus: str, ball_radius: float) -> float | None:
+    def find_surface_angle(stimulus: str, ball_radius: float) -> float | None:
         """Find the critical angle of a recorded surface [rad]; None without one."""
         record = records.get(stimulus)
         if record is None or record.surface is None:
@@ -184,7 +186,7 @@ def prepare_surface_releases(
         if prediction.is_second_edge:  # a record keeps the surface of the first
             return None
         point = prediction.point
-        angle = find_angle(prediction.stimulus, point.ball_radius)
+        angle = find_surface_angle(prediction.stimulus, point.ball_radius)
         if angle is None:
             return None
         return find_release(angle, point.normal_load, point.friction, tool)
@@ -196,7 +198,7 @@ def predict_from_surfaces(
     predictions: Iterable[Prediction], stimuli: StimulusSet, records: Records
 ) -> Iterator[Prediction]:
     """Predict a recorded edge that is not an arc from its surface: its radius says little."""
-    release_over_surface = prepare_surface_releases(stimuli, records)
+    release_over_surface = make_surface_release_function(stimuli, records)
     for prediction in predictions:
         record = records.get(prediction.stimulus)
         if record is None or record.arc:
@@ -209,7 +211,7 @@ def predict_from_surfaces(
         _refuse_relief_before_slope(prediction)
         interval = prediction.interval
         if interval is not None:
-            interval = _shift_interval(interval, release)
+            interval = _scale_interval(interval, release)
         yield replace(prediction, release=release, interval=interval)
 
 
@@ -224,16 +226,16 @@ def _refuse_relief_before_slope(prediction: Prediction) -> None:
         )
 
 
-def _shift_interval(interval: Interval, release: Release) -> Interval:
+def _scale_interval(interval: Interval, release: Release) -> Interval:
     """Move an interval with its value: the tolerances of setting and block move both alike."""
     force = float(release.pull_force)
     energy = float(release.vibration_energy)
 
-    def shift_force(bound: float) -> float:
+    def scale_force(bound: float) -> float:
         """Move a bound of the force by the ratio of the forces [N]."""
         return bound * force / interval.force
 
-    def shift_energy(bound: float) -> float:
+    def scale_energy(bound: float) -> float:
         """Move a bound of the energy by the ratio of the energies [J]."""
         return bound * energy / interval.energy
 
@@ -242,16 +244,16 @@ def _shift_interval(interval: Interval, release: Release) -> Interval:
         status=release.status,
         force=force,
         energy=energy,
-        force_low=shift_force(interval.force_low),
-        force_high=shift_force(interval.force_high),
-        energy_low=shift_energy(interval.energy_low),
-        energy_high=shift_energy(interval.energy_high),
-        analytic_energy_low=shift_energy(interval.analytic_energy_low),
-        analytic_energy_high=shift_energy(interval.analytic_energy_high),
+        force_low=scale_force(interval.force_low),
+        force_high=scale_force(interval.force_high),
+        energy_low=scale_energy(interval.energy_low),
+        energy_high=scale_energy(interval.energy_high),
+        analytic_energy_low=scale_energy(interval.analytic_energy_low),
+        analytic_energy_high=scale_energy(interval.analytic_energy_high),
     )
 
 
-def tabulate_surface(release: Release | None) -> dict[str, Cell]:
+def make_surface_columns(release: Release | None) -> dict[str, Cell]:
     """Return more columns of a table of predictions, NaN where no surface was scanned."""
     if release is None:
         return {
@@ -270,17 +272,17 @@ def tabulate_surface(release: Release | None) -> dict[str, Cell]:
 
 def describe_energy_changes(stimuli: StimulusSet, records: Records) -> Iterator[str]:
     """Say for each recorded block how far the felt energy moved over its set's conditions."""
-    built = replace_nominals(stimuli, records)
+    built = replace_nominal_sizes(stimuli, records)
     declared = list(predict_by_formula(stimuli))
     as_built = list(predict_from_surfaces(predict_by_formula(built), stimuli, records))
-    release_over_surface = prepare_surface_releases(stimuli, records)
+    release_over_surface = make_surface_release_function(stimuli, records)
     for part in built.stimuli:
         if part.id not in records or "height" not in part.sizes:
             continue
         for edge in part.list_felt_edges():
-            changes = _list_changes(edge, declared, as_built)
-            sentence = _describe_block(edge, records[part.id])
-            sentence += _describe_changes(changes)
+            changes = _pair_declared_and_built_releases(edge, declared, as_built)
+            sentence = _describe_block_as_built(edge, records[part.id])
+            sentence += _describe_energy_range(changes)
             over_surface = []
             switched = 0
             for before, after in changes:
@@ -297,7 +299,7 @@ def describe_energy_changes(stimuli: StimulusSet, records: Records) -> Iterator[
             yield sentence
 
 
-def _list_changes(
+def _pair_declared_and_built_releases(
     edge: Part, declared: Sequence[Prediction], as_built: Sequence[Prediction]
 ) -> list[tuple[Prediction, Release]]:
     """List what an edge of a block was declared to release, and what it releases as built."""
@@ -309,7 +311,7 @@ def _list_changes(
     return changes
 
 
-def _describe_changes(changes: Sequence[tuple[Prediction, Release]]) -> str:
+def _describe_energy_range(changes: Sequence[tuple[Prediction, Release]]) -> str:
     """Say how far the energy moved, or that nothing can be compared."""
     change = _format_energy_change(changes)
     if change:
@@ -317,7 +319,7 @@ def _describe_changes(changes: Sequence[tuple[Prediction, Release]]) -> str:
     return "nothing to compare: the probe does not release"
 
 
-def _describe_block(edge: Part, record: AsBuilt) -> str:
+def _describe_block_as_built(edge: Part, record: AsBuilt) -> str:
     """Begin a sentence: an edge of a block, its verdicts, and its dimensions as built."""
     is_second = isinstance(edge.counterface(), FurtherStep)
     verdicts = []

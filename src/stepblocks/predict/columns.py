@@ -20,19 +20,19 @@ Cell = float | str  # a figure in the unit of its column, NaN where there is non
 _FIGURE = re.compile(r"-?\d+(\.\d+)?(e[+-]?\d+)?")
 
 
-def tabulate_prediction(prediction: Prediction) -> dict[str, Cell]:
+def make_prediction_row(prediction: Prediction) -> dict[str, Cell]:
     """Put a prediction into the columns of ``predictions.csv``; NaN where there is no figure."""
     return {
-        **_tabulate_condition(prediction),
-        **_tabulate_release(prediction),
-        **_tabulate_interval(prediction),
-        **_tabulate_ring(prediction),
-        **_tabulate_drag(prediction),
-        **_tabulate_felt(prediction),
+        **_make_condition_columns(prediction),
+        **_make_release_columns(prediction),
+        **_make_interval_columns(prediction),
+        **_make_ring_columns(prediction),
+        **_make_drag_columns(prediction),
+        **_make_felt_columns(prediction),
     }
 
 
-def _tabulate_condition(prediction: Prediction) -> dict[str, Cell]:
+def _make_condition_columns(prediction: Prediction) -> dict[str, Cell]:
     """Say what is dragged over, and under what."""
     point = prediction.point
     return {
@@ -46,7 +46,7 @@ def _tabulate_condition(prediction: Prediction) -> dict[str, Cell]:
     }
 
 
-def _tabulate_release(prediction: Prediction) -> dict[str, Cell]:
+def _make_release_columns(prediction: Prediction) -> dict[str, Cell]:
     """Put down the formula at the nominal dimensions and at the limits of the tolerances."""
     release = prediction.release
     low, high = prediction.limits
@@ -56,7 +56,7 @@ def _tabulate_release(prediction: Prediction) -> dict[str, Cell]:
     if release.status is not Status.NO_CATCH:
         locking_height = float(compute_locking_height(point.ball_radius, point.friction))
 
-    def read_energy(at_limit: Release) -> float:
+    def get_energy_uj(at_limit: Release) -> float:
         """Return the vibration energy at a limit [uJ]; NaN where the nominal is beyond a limit."""
         if is_beyond_limit:
             return math.nan
@@ -70,8 +70,8 @@ def _tabulate_release(prediction: Prediction) -> dict[str, Cell]:
         "peak_force_low_n": low.pull_force,
         "peak_force_high_n": high.pull_force,
         "vibration_energy_uj": release.vibration_energy * 1e6,
-        "vibration_energy_low_uj": read_energy(low),
-        "vibration_energy_high_uj": read_energy(high),
+        "vibration_energy_low_uj": get_energy_uj(low),
+        "vibration_energy_high_uj": get_energy_uj(high),
         "conversion": point.tool.conversion,
         "mean_power_uw": release.mean_power * 1e6,
         "threshold_ratio": release.threshold_ratio,
@@ -79,18 +79,18 @@ def _tabulate_release(prediction: Prediction) -> dict[str, Cell]:
     }
 
 
-def _tabulate_interval(prediction: Prediction) -> dict[str, Cell]:
+def _make_interval_columns(prediction: Prediction) -> dict[str, Cell]:
     """Put down the 95 % intervals; beyond a limit there is none of an energy."""
     interval = prediction.interval
     is_beyond_limit = prediction.release.status.is_beyond_limit
 
-    def read_force(end: str) -> float:
+    def get_force_bound(end: str) -> float:
         """Return an end of the interval of the force [N]; NaN without an interval."""
         if interval is None:
             return math.nan
         return float(getattr(interval, end))
 
-    def read_energy(end: str) -> float:
+    def get_energy_bound_uj(end: str) -> float:
         """Return an end of the interval of the energy [uJ]; NaN without one or beyond a limit."""
         if interval is None or is_beyond_limit:
             return math.nan
@@ -102,18 +102,18 @@ def _tabulate_interval(prediction: Prediction) -> dict[str, Cell]:
         if interval.agrees:
             agreement = "yes"
     return {
-        "peak_force_95_low_n": read_force("force_low"),
-        "peak_force_95_high_n": read_force("force_high"),
-        "vibration_energy_95_low_uj": read_energy("energy_low"),
-        "vibration_energy_95_high_uj": read_energy("energy_high"),
-        "vibration_energy_analytic_95_low_uj": read_energy("analytic_energy_low"),
-        "vibration_energy_analytic_95_high_uj": read_energy("analytic_energy_high"),
+        "peak_force_95_low_n": get_force_bound("force_low"),
+        "peak_force_95_high_n": get_force_bound("force_high"),
+        "vibration_energy_95_low_uj": get_energy_bound_uj("energy_low"),
+        "vibration_energy_95_high_uj": get_energy_bound_uj("energy_high"),
+        "vibration_energy_analytic_95_low_uj": get_energy_bound_uj("analytic_energy_low"),
+        "vibration_energy_analytic_95_high_uj": get_energy_bound_uj("analytic_energy_high"),
         "held_probability": math.nan if interval is None else interval.held_probability,
         "intervals_agree": agreement,
     }
 
 
-def _tabulate_ring(prediction: Prediction) -> dict[str, Cell]:
+def _make_ring_columns(prediction: Prediction) -> dict[str, Cell]:
     """Put down the limit that is passed, where one is, and the frequency of the ring."""
     tool = prediction.point.tool
     limit = math.nan
@@ -127,7 +127,7 @@ def _tabulate_ring(prediction: Prediction) -> dict[str, Cell]:
     }
 
 
-def _tabulate_drag(prediction: Prediction) -> dict[str, Cell]:
+def _make_drag_columns(prediction: Prediction) -> dict[str, Cell]:
     """Put down what the drag in time gives; no figures where nothing was dragged."""
     dragged = prediction.in_time
     if dragged is None:
@@ -147,7 +147,7 @@ def _tabulate_drag(prediction: Prediction) -> dict[str, Cell]:
     }
 
 
-def _tabulate_felt(prediction: Prediction) -> dict[str, Cell]:
+def _make_felt_columns(prediction: Prediction) -> dict[str, Cell]:
     """Say what is felt, and by which model."""
     power = prediction.felt_energy / prediction.point.tool.ring_duration
     felt_by = ""
@@ -161,19 +161,20 @@ def _tabulate_felt(prediction: Prediction) -> dict[str, Cell]:
 
 
 def format_predictions_csv(
-    predictions: Iterable[Prediction], more: Callable[[Prediction], dict[str, str]] | None = None
+    predictions: Iterable[Prediction],
+    make_more_columns: Callable[[Prediction], dict[str, str]] | None = None,
 ) -> str:
     """Write predictions as ``predictions.csv``, with further columns behind."""
     rows = []
     for prediction in predictions:
-        row = format_row(tabulate_prediction(prediction))
-        if more is not None:
-            row |= more(prediction)
+        row = format_row_cells(make_prediction_row(prediction))
+        if make_more_columns is not None:
+            row |= make_more_columns(prediction)
         rows.append(row)
     return format_csv(rows)
 
 
-def format_row(row: Mapping[str, Cell]) -> dict[str, str]:
+def format_row_cells(row: Mapping[str, Cell]) -> dict[str, str]:
     """Format the figures of a table's row; words stay as they are."""
     return {name: _format_cell(cell) for name, cell in row.items()}
 
@@ -192,7 +193,7 @@ def format_six_digits(figure: float) -> str:
     return f"{figure:.6g}"
 
 
-def agree_to_last_digit(cell: str, reference: str) -> bool:
+def agree_to_sixth_digit(cell: str, reference: str) -> bool:
     """Whether two cells of a table agree, figures to one in the sixth digit."""
     if cell == reference:
         return True

@@ -8,7 +8,11 @@ import pandas as pd
 
 from stepblocks.errors import PipelineError
 from stepblocks.files.figures import take_axes
-from stepblocks.predict.renamed_columns import find_column, rename_old_columns, suggest_column
+from stepblocks.predict.renamed_columns import (
+    find_current_column_name,
+    format_renamed_column_hint,
+    rename_old_columns,
+)
 from stepblocks.predict.table import list_input_columns
 from stepblocks.quantities import format_column_label, format_units
 
@@ -62,7 +66,7 @@ def to_dataset(table: pd.DataFrame) -> "xarray.Dataset":
     >>> found.felt_energy_uj.sel(normal_load_n=1.0).dims  # doctest: +SKIP
     ('stimulus',)
     """
-    _require_frame(table)
+    _refuse_unless_data_frame(table)
     try:
         dataset = _index_by_conditions(rename_old_columns(table)).to_xarray()
     except ImportError as error:
@@ -76,7 +80,7 @@ def to_dataset(table: pd.DataFrame) -> "xarray.Dataset":
 
 def _index_by_conditions(table: pd.DataFrame) -> pd.DataFrame:
     """Index a table by the conditions that tell its rows apart, else by the number of the row."""
-    names = _find_varying(table)
+    names = _find_varying_conditions(table)
     if not names and "stimulus" in table:
         names = ["stimulus"]
     if not names or table.duplicated(names).any():
@@ -122,19 +126,19 @@ def plot_predictions(
     PipelineError
         If `table` is no DataFrame or lacks a column.
     """
-    _require_frame(table)
+    _refuse_unless_data_frame(table)
     table = rename_old_columns(table)
-    x = find_column(x or _choose_column(table, _HEIGHTS), table.columns)
-    y = find_column(y or _choose_column(table, _ENERGIES), table.columns)
+    x = find_current_column_name(x or _choose_first_known_column(table, _HEIGHTS), table.columns)
+    y = find_current_column_name(y or _choose_first_known_column(table, _ENERGIES), table.columns)
     for name in (x, y):
         if name not in table:
             known = ", ".join(map(str, table.columns))
-            hint = suggest_column(name, table.columns)
+            hint = format_renamed_column_hint(name, table.columns)
             raise PipelineError(f"{name!r} must be a column of the table: {known}{hint}")
     axes = take_axes(ax)
     drawn = {x, y, "stimulus", *_HEIGHTS}
-    conditions = [name for name in _find_varying(table) if name not in drawn]
-    for label, rows in _group_by_conditions(table, conditions):
+    conditions = [name for name in _find_varying_conditions(table) if name not in drawn]
+    for label, rows in _iterate_condition_groups(table, conditions):
         ordered = rows.sort_values(x)
         axes.plot(ordered[x], ordered[y], marker="o", label=label)
     if conditions:
@@ -145,7 +149,7 @@ def plot_predictions(
     return axes
 
 
-def _choose_column(table: pd.DataFrame, names: Sequence[str]) -> str:
+def _choose_first_known_column(table: pd.DataFrame, names: Sequence[str]) -> str:
     """Return the first of several columns that a table has, else the first of all."""
     for name in names:
         if name in table:
@@ -153,7 +157,7 @@ def _choose_column(table: pd.DataFrame, names: Sequence[str]) -> str:
     return names[0]
 
 
-def _group_by_conditions(
+def _iterate_condition_groups(
     table: pd.DataFrame, conditions: list[str]
 ) -> Iterator[tuple[str | None, pd.DataFrame]]:
     """Label and rows of each condition; one group without a label where there is none."""
@@ -164,7 +168,7 @@ def _group_by_conditions(
         yield ", ".join(map(str, condition)), rows
 
 
-def _require_frame(table: object) -> None:
+def _refuse_unless_data_frame(table: object) -> None:
     """Refuse a table that is not a data frame; it would fail inside xarray or matplotlib."""
     if not isinstance(table, pd.DataFrame):
         raise PipelineError(f"table must be a pandas DataFrame, got {type(table).__name__}")
@@ -175,7 +179,7 @@ def _require_frame(table: object) -> None:
         )
 
 
-def _find_varying(table: pd.DataFrame) -> list[str]:
+def _find_varying_conditions(table: pd.DataFrame) -> list[str]:
     """Find the conditions that vary over the rows and are not a matter of the stimulus alone."""
     known = [*_CONDITIONS, *list_input_columns()]
     varying = []

@@ -15,7 +15,7 @@ from stepblocks.contact.uncertainty import estimate_interval
 from stepblocks.declaration.set import StimulusSet
 from stepblocks.errors import ContactError
 from stepblocks.files.figures import make_figure, save_figure
-from stepblocks.predict.predictions import collect_uncertainties, find_tip
+from stepblocks.predict.predictions import collect_standard_uncertainties, make_tip_dimension
 
 _BLUE = "#1f4e79"
 _RED = "#b03030"
@@ -25,7 +25,7 @@ _LEAST_GAP = 100e-6
 _LEAST_RISE = 20e-6
 
 
-def compute_margin_map(
+def compute_margin_map_forces(
     gaps: Array, discrepancies: Array, point: OperatingPoint
 ) -> tuple[Array, Array]:
     """Compute the peak force [N] from crown to tooth, and back, shape (gaps, discrepancies).
@@ -35,10 +35,10 @@ def compute_margin_map(
     # Terms by Holmes et al. (1989), J. Prosthet. Dent. 62, 405: a tooth that stands higher than the
     # crown is positive. The gap is taken to be deeper than the tip sinks.
     to_tooth, to_crown = find_margin_angles(gaps[:, None], discrepancies, point.ball_radius)
-    return _compute_forces(to_tooth, point), _compute_forces(to_crown, point)
+    return _compute_peak_forces(to_tooth, point), _compute_peak_forces(to_crown, point)
 
 
-def _compute_forces(angles: Array, point: OperatingPoint) -> Array:
+def _compute_peak_forces(angles: Array, point: OperatingPoint) -> Array:
     """Return peak forces [N] for critical angles; the unit spring does not affect them."""
     forces: Array
     forces, _ = kernels.compute_force_and_energy(
@@ -47,7 +47,7 @@ def _compute_forces(angles: Array, point: OperatingPoint) -> Array:
     return forces
 
 
-def write_plots(stimuli: StimulusSet, folder: Path) -> Iterator[Path]:
+def write_prediction_plots(stimuli: StimulusSet, folder: Path) -> Iterator[Path]:
     """Draw what a set predicts, for each of its tips and frictions under its largest load."""
     grid = stimuli.prediction
     steps: dict[str, Step] = {}
@@ -63,22 +63,22 @@ def write_plots(stimuli: StimulusSet, folder: Path) -> Iterator[Path]:
         condition = f"R{radius * 1e6:g}.mu{point.friction:g}".replace("mu0.", "mu0p")
         if steps:
             path = folder / f"{stimuli.name}.energy-of-height.{condition}.png"
-            _plot_steps(stimuli, steps, point, path)
+            _write_step_plot(stimuli, steps, point, path)
             yield path
         if margins:
             path = folder / f"{stimuli.name}.margin-map.{condition}.png"
-            _plot_margins(margins, point, path)
+            _write_margin_plot(margins, point, path)
             yield path
 
 
-def _plot_steps(
+def _write_step_plot(
     stimuli: StimulusSet, steps: Mapping[str, Step], point: OperatingPoint, path: Path
 ) -> None:
     """Draw the energy against the height for the edge and the tolerances of a set's first step."""
     grid = stimuli.prediction
     first = next(part for part in stimuli.stimuli if part.id in steps)
-    tip = find_tip(grid, point.ball_radius)
-    uncertainty = collect_uncertainties(first, grid, tip, point.normal_load)
+    tip = make_tip_dimension(grid, point.ball_radius)
+    uncertainty = collect_standard_uncertainties(first, grid, tip, point.normal_load)
     heights = [step.height for step in steps.values()]
     top = 1.25 * max(heights)
     edge_radius = steps[first.id].edge_radius
@@ -87,7 +87,7 @@ def _plot_steps(
     draw_energy_of_height(curve, point, uncertainty, path, heights)
 
 
-def _plot_margins(margins: Sequence[Margin], point: OperatingPoint, path: Path) -> None:
+def _write_margin_plot(margins: Sequence[Margin], point: OperatingPoint, path: Path) -> None:
     """Draw the map of peak forces round the margins of a set."""
     widest = _LEAST_GAP
     highest = _LEAST_RISE
@@ -110,9 +110,9 @@ def draw_energy_of_height(
     point: OperatingPoint,
     uncertainty: Mapping[str, float],
     path: Path,
-    marks: Sequence[float] = (),
+    marked_heights: Sequence[float] = (),
 ) -> None:
-    """Draw E_v against H with its 95 % interval and the locking height; `marks` in m."""
+    """Draw E_v against H with its 95 % interval and the locking height; `marked_heights` in m."""
     is_released = np.zeros(len(steps), dtype=bool)
     heights, energy, low, high = np.empty((4, len(steps)))
     for place, step in enumerate(steps):
@@ -152,8 +152,8 @@ def draw_energy_of_height(
         fontsize=9,
     )
     axis.plot(
-        1e6 * np.array(marks),
-        np.zeros(len(marks)),
+        1e6 * np.array(marked_heights),
+        np.zeros(len(marked_heights)),
         "|",
         ms=9,
         color="k",
@@ -169,21 +169,21 @@ def draw_margin_map(
     discrepancies: Array,
     point: OperatingPoint,
     path: Path,
-    marks: Sequence[tuple[float, float]] = (),
+    marked_margins: Sequence[tuple[float, float]] = (),
 ) -> None:
     """Draw the peak force of both directions over gap and discrepancy, held margins hatched.
 
-    `marks` are pairs of gap and discrepancy [m].
+    `marked_margins` are pairs of gap and discrepancy [m].
     """
     from matplotlib.colors import LogNorm
 
     figure, axes = make_figure(1, 2, width=9.0, height=4.0)
-    to_tooth, to_crown = compute_margin_map(gaps, discrepancies, point)
+    to_tooth, to_crown = compute_margin_map_forces(gaps, discrepancies, point)
     across, along = discrepancies * 1e6, gaps * 1e6
     forces = np.concatenate([to_tooth.ravel(), to_crown.ravel()])
     finite = forces[np.isfinite(forces) & (forces > 0)]
     norm = LogNorm(max(float(finite.min()), 1e-2), min(float(finite.max()), 50.0))
-    marked_gaps, marked_discrepancies = 1e6 * np.array(marks).reshape(-1, 2).T
+    marked_gaps, marked_discrepancies = 1e6 * np.array(marked_margins).reshape(-1, 2).T
     for axis, force, name in (
         (axes[0], to_tooth, "crown to tooth"),
         (axes[1], to_crown, "tooth to crown"),

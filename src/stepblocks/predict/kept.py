@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from stepblocks.declaration.set import StimulusSet
 from stepblocks.parts.kind import Part
 from stepblocks.predict.as_built import PredictedSet
-from stepblocks.predict.neighbours import tabulate_predictions
+from stepblocks.predict.neighbours import make_prediction_rows
 from stepblocks.predict.predictions import Prediction, predict_and_drag_set
 
 
@@ -20,7 +20,7 @@ class KeptPredictions:
         self._conditions: object = None
         self._by_part: dict[Part, Sequence[Prediction]] = {}
 
-    def predict(
+    def predict_reusing_kept(
         self,
         stimuli: StimulusSet,
         dragged: bool,
@@ -40,22 +40,22 @@ class KeptPredictions:
         predictions: list[Prediction] = []
         for part in stimuli.stimuli:
             found = None
-            if _can_be_kept(part):
+            if _is_part_hashable(part):
                 found = self._by_part.get(part)
             if found is None and not is_wanted():
                 self._by_part |= kept
                 return None
             if found is None:
                 found = predict_and_drag_set(stimuli.with_parts([part]), dragged, speed)
-            if _can_be_kept(part):
+            if _is_part_hashable(part):
                 kept[part] = found
             predictions += found
         self._by_part = kept
-        rows = tabulate_predictions(stimuli, predictions)
+        rows = make_prediction_rows(stimuli, predictions)
         return PredictedSet(stimuli, tuple(predictions), rows)
 
 
-def _can_be_kept(part: Part) -> bool:
+def _is_part_hashable(part: Part) -> bool:
     """Tell whether a part can be found again; one that holds arrays, of a scan say, cannot."""
     try:
         hash(part)

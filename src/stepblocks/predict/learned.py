@@ -127,10 +127,10 @@ class _ChannelPrediction:
 
 
 def _compute_channel_values(
-    channels: _ChannelPrediction, channel: int, shift: float, is_missing: NDArray[np.bool_]
+    channels: _ChannelPrediction, channel: int, shift_in_stds: float, is_missing: NDArray[np.bool_]
 ) -> Floats:
     """Return a channel, shifted by so many standard deviations; NaN where it is missing."""
-    logarithm = channels.mean[:, channel] + shift * channels.std[:, channel]
+    logarithm = channels.mean[:, channel] + shift_in_stds * channels.std[:, channel]
     return np.where(is_missing, np.nan, np.exp(logarithm))
 
 
@@ -227,7 +227,7 @@ def _predict_channels(
         + np.einsum("nck,k->nc", compute_channel_responses(state) ** 2, learned.quantity_std**2)
         + learned.channel_std**2
     )
-    for unseen in _yield_unseen_variances(design, fitted, learned, mean):
+    for unseen in _iterate_unseen_variances(design, fitted, learned, mean):
         variance += unseen
     known_blocks = []
     for block in learned.blocks:
@@ -242,7 +242,7 @@ def _predict_channels(
     return _ChannelPrediction(mean, np.sqrt(variance), state)
 
 
-def _compute_channels_at(
+def _compute_channels_at_values(
     design: BenchDesign,
     fitted: LearnedFit,
     values: Mapping[str, float],
@@ -263,12 +263,14 @@ def _compute_jacobian(design: BenchDesign, fitted: LearnedFit, mean: Floats) -> 
     for i, (name, value) in enumerate(fitted.values.items()):
         step = _STEP * sizes[i]
         if step > 0.0:
-            changed = _compute_channels_at(design, fitted, {**fitted.values, name: value + step})
+            changed = _compute_channels_at_values(
+                design, fitted, {**fitted.values, name: value + step}
+            )
             jacobian[:, :, i] = (changed - mean) / step
     return jacobian
 
 
-def _yield_unseen_variances(
+def _iterate_unseen_variances(
     design: BenchDesign, fitted: LearnedFit, learned: LearnedModel, mean: Floats
 ) -> Iterator[Floats]:
     """Yield variances of the channels for a day, a batch or an hour not in the session.
@@ -290,7 +292,7 @@ def _yield_unseen_variances(
         predictions = []
         for value in seen:
             columns = {**design.covariates, place.name: np.full(len(mean), value)}
-            predictions.append(_compute_channels_at(design, fitted, fitted.values, columns))
+            predictions.append(_compute_channels_at_values(design, fitted, fitted.values, columns))
         spread = np.mean((np.array(predictions) - mean) ** 2, axis=0)
         yield np.where(is_new[:, None], spread, 0.0)
 
@@ -335,8 +337,8 @@ def predict_learned_drag(
         decay_time=float(np.exp(shown["ln_decay_time"])),
     )
     force_figure, energy_figure = _FIGURES
-    force = _read_with_ends(found, force_figure)
-    energy = _read_with_ends(found, energy_figure)
+    force = _read_figure_with_bounds(found, force_figure)
+    energy = _read_figure_with_bounds(found, energy_figure)
     return LearnedDrag(
         status=str(found["status"]),
         peak_force=force,
@@ -347,7 +349,7 @@ def predict_learned_drag(
     )
 
 
-def _read_with_ends(row: pd.Series, figure: str) -> tuple[float, float, float]:
+def _read_figure_with_bounds(row: pd.Series, figure: str) -> tuple[float, float, float]:
     """Read a figure of a row, and the ends of its interval."""
     return (
         float(row[figure.format("")]),
@@ -374,7 +376,7 @@ def format_learned_columns(prediction: Prediction, learned: LearnedModel) -> dic
     """Say beside a prediction what the extended model, effects and all, predicts."""
     if prediction.release.status is not Status.RELEASES:
         nothing = (math.nan, math.nan, math.nan)
-        return _format_learned("", nothing, nothing)
+        return _format_learned_figures("", nothing, nothing)
     height = prediction.face.far_side
     if prediction.edge_direction != "up":
         # an edge that is no plain step counts as the step of the same critical angle
@@ -382,10 +384,12 @@ def format_learned_columns(prediction: Prediction, learned: LearnedModel) -> dic
         height = float(compute_height_at_angle(angle, radius))
     drag = predict_learned_drag(learned, prediction.edge_name, float(height), prediction.point)
     energy_uj = [1e6 * energy for energy in drag.energy]
-    return _format_learned(drag.status, drag.peak_force, energy_uj)
+    return _format_learned_figures(drag.status, drag.peak_force, energy_uj)
 
 
-def _format_learned(status: str, force: Iterable[float], energy: Iterable[float]) -> dict[str, str]:
+def _format_learned_figures(
+    status: str, force: Iterable[float], energy: Iterable[float]
+) -> dict[str, str]:
     """Format a learned drag as columns: a force [N] and an energy [uJ], each with its ends."""
     row = {"learned_status": status}
     for figure, values in (("peak_force{}_n", force), ("vibration_energy{}_uj", energy)):

@@ -21,21 +21,21 @@ from stepblocks.declaration.set import StimulusSet
 from stepblocks.errors import PipelineError
 from stepblocks.mistakes import shorten_value
 from stepblocks.parts.kind import Part
-from stepblocks.predict.columns import Cell, tabulate_prediction
+from stepblocks.predict.columns import Cell, make_prediction_row
 from stepblocks.predict.perception import (
     DRAWS,
     LITERATURE,
     Discrimination,
     JndDistance,
-    choose_energies,
+    choose_compared_energies,
     compute_jnd_distance,
 )
 from stepblocks.predict.predictions import (
     Prediction,
-    collect_uncertainties,
+    collect_standard_uncertainties,
     find_felt_edge,
-    find_tip,
-    make_middle_face,
+    make_mid_tolerance_face,
+    make_tip_dimension,
     predict_and_drag_set,
 )
 
@@ -92,7 +92,7 @@ class Pair:
     neighbours: bool
     distance: JndDistance
 
-    def make_row(self) -> dict[str, Cell | bool]:
+    def make_pair_row(self) -> dict[str, Cell | bool]:
         """Put the pair into the columns of the table of pairs."""
         first = self.first
         point = first.point
@@ -161,17 +161,17 @@ def compare_stimuli(
     if not isinstance(stimuli, StimulusSet):
         stimuli = load_set(Path(stimuli))
     return tabulate_pairs(
-        yield_pairs(stimuli, predict_and_drag_set(stimuli, dragged, speed), discrimination)
+        iterate_pairs(stimuli, predict_and_drag_set(stimuli, dragged, speed), discrimination)
     )
 
 
 def tabulate_pairs(pairs: Iterable[Pair]) -> pd.DataFrame:
     """Make a table of pairs; its columns stand even where there is no pair."""
-    rows = [pair.make_row() for pair in pairs]
+    rows = [pair.make_pair_row() for pair in pairs]
     return pd.DataFrame(rows, columns=list(_PAIR_COLUMNS))
 
 
-def tabulate_predictions(
+def make_prediction_rows(
     stimuli: StimulusSet,
     predictions: Sequence[Prediction],
     discrimination: Discrimination = LITERATURE,
@@ -180,7 +180,7 @@ def tabulate_predictions(
 
     The next one is the neighbour that is higher; the cells are NaN where there is none.
     """
-    pairs = yield_pairs(stimuli, predictions, discrimination, only_neighbours=True)
+    pairs = iterate_pairs(stimuli, predictions, discrimination, only_neighbours=True)
     distances = {id(pair.first): pair.distance for pair in pairs}
     unknown = JndDistance(math.nan, math.nan, math.nan)
     rows = []
@@ -188,7 +188,7 @@ def tabulate_predictions(
         distance = distances.get(id(prediction), unknown)
         rows.append(
             {
-                **tabulate_prediction(prediction),
+                **make_prediction_row(prediction),
                 "jnd_to_next": distance.jnd,
                 "jnd_to_next_95_low": distance.low,
                 "jnd_to_next_95_high": distance.high,
@@ -197,7 +197,7 @@ def tabulate_predictions(
     return rows
 
 
-def yield_pairs(
+def iterate_pairs(
     stimuli: StimulusSet,
     predictions: Iterable[Prediction],
     discrimination: Discrimination = LITERATURE,
@@ -209,22 +209,24 @@ def yield_pairs(
     Tips and sheaths are no stimuli to compare: what is felt of them depends on the step.
     """
     parts = {part.id: part for part in stimuli.stimuli if part.crossed}
-    groups = _group_by_condition(predictions, parts)
+    groups = _group_releases_by_condition(predictions, parts)
     count = sum(_count_pairs(len(group), only_neighbours) for group in groups)
     if count > _MOST_PAIRS:
         raise PipelineError(f"a set must have at most {_MOST_PAIRS} pairs, got {count}")
     for group in groups:
-        yield from _yield_pairs_of_condition(stimuli, parts, group, discrimination, only_neighbours)
+        yield from _iterate_pairs_of_condition(
+            stimuli, parts, group, discrimination, only_neighbours
+        )
 
 
-def _count_pairs(stimuli: int, only_neighbours: bool) -> int:
+def _count_pairs(stimulus_count: int, only_neighbours: bool) -> int:
     """Count the pairs of so many stimuli."""
     if only_neighbours:
-        return max(stimuli - 1, 0)
-    return math.comb(stimuli, 2)
+        return max(stimulus_count - 1, 0)
+    return math.comb(stimulus_count, 2)
 
 
-def _group_by_condition(
+def _group_releases_by_condition(
     predictions: Iterable[Prediction], parts: dict[str, Part]
 ) -> list[list[Prediction]]:
     """Group what releases by kind of counterface, direction, tip, friction and load."""
@@ -235,7 +237,7 @@ def _group_by_condition(
             continue
         point = prediction.point
         condition = (
-            _name_kind(prediction.face),
+            _get_face_kind_name(prediction.face),
             prediction.edge_direction,
             point.ball_radius,
             point.friction,
@@ -245,14 +247,14 @@ def _group_by_condition(
     return list(groups.values())
 
 
-def _name_kind(face: Counterface) -> str:
+def _get_face_kind_name(face: Counterface) -> str:
     """Name the kind of a counterface; a second step of a block is compared as any step."""
     if isinstance(face, FurtherStep):
         return Step.__name__
     return type(face).__name__
 
 
-def _yield_pairs_of_condition(
+def _iterate_pairs_of_condition(
     stimuli: StimulusSet,
     parts: dict[str, Part],
     group: list[Prediction],
@@ -260,7 +262,7 @@ def _yield_pairs_of_condition(
     only_neighbours: bool,
 ) -> Iterator[Pair]:
     """Yield the pairs under one condition, in rising order."""
-    energies, felt_by = choose_energies(group)
+    energies, felt_by = choose_compared_energies(group)
     ringing = []
     for prediction, energy in zip(group, energies, strict=True):
         if energy > 0.0:
@@ -269,7 +271,7 @@ def _yield_pairs_of_condition(
     draws = []
     for place, (prediction, _) in enumerate(ringing):
         part = parts[prediction.stimulus]
-        draws.append(_draw_log_energies(stimuli, part, prediction, place))
+        draws.append(_sample_log_energies(stimuli, part, prediction, place))
     for first, second in combinations(range(len(ringing)), 2):
         are_neighbours = second == first + 1
         if only_neighbours and not are_neighbours:
@@ -281,7 +283,9 @@ def _yield_pairs_of_condition(
             energies=(low, high),
             felt_by=felt_by,
             neighbours=are_neighbours,
-            distance=_measure_distance(low, high, discrimination, draws[second] - draws[first]),
+            distance=_compute_distance_with_interval(
+                low, high, discrimination, draws[second] - draws[first]
+            ),
         )
 
 
@@ -297,7 +301,7 @@ def get_pair_sort_key(pair: Pair) -> float:
     return _get_sort_key(pair.first, pair.energies[0])
 
 
-def _measure_distance(
+def _compute_distance_with_interval(
     low: float, high: float, discrimination: Discrimination, drawn_differences: Array
 ) -> JndDistance:
     """Measure a distance with the interval of both stimuli over the draws in which both ring.
@@ -314,8 +318,8 @@ def _measure_distance(
     return compute_jnd_distance(low, high, discrimination, log_ratios=log_ratio + deviations)
 
 
-def _draw_log_energies(
-    stimuli: StimulusSet, part: Part, prediction: Prediction, place: int
+def _sample_log_energies(
+    stimuli: StimulusSet, part: Part, prediction: Prediction, stimulus_index: int
 ) -> Array:
     """Draw ln(E / J) of a stimulus within its tolerances and those of the setting, shape (draws,).
 
@@ -325,10 +329,10 @@ def _draw_log_energies(
     point = prediction.point
     grid = stimuli.find_conditions(part)
     edge = find_felt_edge(part, prediction)
-    ball = find_tip(grid, point.ball_radius)
-    uncertainties = collect_uncertainties(edge, grid, ball, point.normal_load)
+    ball = make_tip_dimension(grid, point.ball_radius)
+    uncertainties = collect_standard_uncertainties(edge, grid, ball, point.normal_load)
     shared = draw_standard_normal(len(_SHARED), DRAWS, seed=0)
-    alone = _draw_dimensions(place)
+    alone = _sample_dimension_deviates(stimulus_index)
     normal = dict(zip(_SHARED, shared, strict=True))
     dimensions = [name for name in uncertainties if name not in _SHARED]
     normal |= dict(zip(dimensions, alone, strict=False))
@@ -336,7 +340,7 @@ def _draw_log_energies(
     for name, width in uncertainties.items():
         deviations[name] = width * normal[name]
     _, energies = compute_deviated_releases(
-        make_middle_face(edge, None), point, deviations, prediction.backward
+        make_mid_tolerance_face(edge, None), point, deviations, prediction.backward
     )
     with np.errstate(divide="ignore"):
         logs: Array = np.log(np.broadcast_to(energies, DRAWS))
@@ -344,6 +348,6 @@ def _draw_log_energies(
 
 
 @lru_cache(maxsize=_KEPT_DRAWS)
-def _draw_dimensions(place: int) -> Array:
+def _sample_dimension_deviates(stimulus_index: int) -> Array:
     """Draw standard normal numbers for the dimensions of the stimulus at a place of its order."""
-    return draw_standard_normal(_MOST_DIMENSIONS, DRAWS, seed=place + 1)
+    return draw_standard_normal(_MOST_DIMENSIONS, DRAWS, seed=stimulus_index + 1)

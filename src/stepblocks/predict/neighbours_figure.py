@@ -23,11 +23,11 @@ def write_neighbour_plots(set_name: str, pairs: Iterable[Pair], folder: Path) ->
         groups.setdefault(condition, []).append(pair)
     for (drag, radius), group in groups.items():
         path = folder / f"{set_name}.neighbours.{drag}.R{radius * 1e6:g}.png"
-        draw_neighbours(group, path, f"{set_name}, {drag}, R {radius * 1e6:g} um")
+        draw_neighbour_distances(group, path, f"{set_name}, {drag}, R {radius * 1e6:g} um")
         yield path
 
 
-def draw_neighbours(pairs: list[Pair], path: Path, title: str) -> None:
+def draw_neighbour_distances(pairs: list[Pair], path: Path, title: str) -> None:
     """Draw distances with their intervals; a series of marks for each friction and load.
 
     Parameters
@@ -42,7 +42,7 @@ def draw_neighbours(pairs: list[Pair], path: Path, title: str) -> None:
     places: dict[str, int] = {}
     series: dict[tuple[float, float], list[Pair]] = {}
     for pair in sorted(pairs, key=get_pair_sort_key):
-        places.setdefault(_name_pair(pair), len(places))
+        places.setdefault(_format_pair_name(pair), len(places))
         point = pair.first.point
         series.setdefault((point.friction, point.normal_load), []).append(pair)
     figure, axis = make_figure(width=max(7.0, 0.9 * len(places)))
@@ -51,7 +51,7 @@ def draw_neighbours(pairs: list[Pair], path: Path, title: str) -> None:
         x, jnds, below, above = [], [], [], []
         for pair in members:
             distance = pair.distance
-            x.append(places[_name_pair(pair)] + shift)
+            x.append(places[_format_pair_name(pair)] + shift)
             jnds.append(distance.jnd)
             below.append(distance.jnd - distance.low)
             above.append(distance.high - distance.jnd)
@@ -74,6 +74,6 @@ def draw_neighbours(pairs: list[Pair], path: Path, title: str) -> None:
     save_figure(figure, path)
 
 
-def _name_pair(pair: Pair) -> str:
+def _format_pair_name(pair: Pair) -> str:
     """Name a pair of neighbours."""
     return f"{pair.first.edge_name} to {pair.second.edge_name}"

@@ -199,7 +199,7 @@ def compute_jnd_distance(
     for name, energy in (("first", first), ("second", second)):
         require_positive(f"{name} energy", energy, "J")
     if log_ratios is not None:
-        log_ratios = _check_log_ratios(log_ratios)
+        log_ratios = _read_log_ratios(log_ratios)
     log_ratio = math.log(second / first)
     nodes = math.log(first) + log_ratio * (np.arange(_NODES) + 0.5) / _NODES
     log_fractions, spreads = discrimination.interpolate(nodes)
@@ -213,7 +213,7 @@ def compute_jnd_distance(
     return JndDistance(jnd, float(low), float(high))
 
 
-def _check_log_ratios(log_ratios: Array) -> Array:
+def _read_log_ratios(log_ratios: Array) -> Array:
     """Return draws of a logarithm as an array, shape (n,); refuse those that give no interval."""
     if np.ma.is_masked(log_ratios):
         raise PipelineError("log_ratios must be finite numbers, got masked ones")
@@ -275,14 +275,14 @@ def read_discrimination(
         for name, column in columns.items():
             figures[name] = float(column[row])
         with collect_mistakes(mistakes, place):
-            fractions.append(_make_fraction(figures))
+            fractions.append(_make_weber_fraction(figures))
     if mistakes:
         raise PipelineError(format_mistakes(mistakes, source))
     fractions.sort(key=lambda known: known.energy)
     return Discrimination(tuple(fractions), source)
 
 
-def _make_fraction(figures: dict[str, float]) -> WeberFraction:
+def _make_weber_fraction(figures: dict[str, float]) -> WeberFraction:
     """Make a Weber fraction of a row's figures; one without an interval is taken as known."""
     fraction, low, high = figures["fraction"], figures["low"], figures["high"]
     if math.isnan(low) != math.isnan(high):
@@ -292,7 +292,7 @@ def _make_fraction(figures: dict[str, float]) -> WeberFraction:
     return WeberFraction(fraction, low, high, figures["energy"])
 
 
-def choose_energies(compared: Sequence[Prediction]) -> tuple[list[float], str]:
+def choose_compared_energies(compared: Sequence[Prediction]) -> tuple[list[float], str]:
     """Choose the energies [J] that a person compares, by the formula or by the drag.
 
     Where one of them is felt by the drag, all are: a change of model between two blocks would be

@@ -29,9 +29,9 @@ MOST_DRAGGED = 10_000
 DIFFERS = 1.5
 
 
-def differs_from_formula(over_formula: float) -> bool:
+def differs_from_formula(drag_over_formula: float) -> bool:
     """Tell whether a drag's energy over the formula's [1] is beyond a factor of `DIFFERS`."""
-    return over_formula > DIFFERS or over_formula < 1.0 / DIFFERS
+    return drag_over_formula > DIFFERS or drag_over_formula < 1.0 / DIFFERS
 
 
 class Model(StrEnum):
@@ -137,12 +137,14 @@ def predict_and_drag_set(
         return predictions
     with_drags = []
     for prediction in predictions:
-        in_time = _measure_drag(prediction, speed)
+        in_time = _predict_in_time(prediction, speed)
         with_drags.append(replace(prediction, in_time=in_time))
     return tuple(with_drags)
 
 
-def predict_drag(face: Counterface, point: OperatingPoint, backward: bool = False) -> Prediction:
+def predict_single_drag(
+    face: Counterface, point: OperatingPoint, backward: bool = False
+) -> Prediction:
     """Predict one drag by the formula and in time, without tolerances."""
     release = face.release(point, backward)
     prediction = Prediction(
@@ -155,7 +157,7 @@ def predict_drag(face: Counterface, point: OperatingPoint, backward: bool = Fals
         limits=(release, release),
         interval=None,
     )
-    return replace(prediction, in_time=_measure_drag(prediction, point.speed))
+    return replace(prediction, in_time=_predict_in_time(prediction, point.speed))
 
 
 def predict_by_formula(stimuli: StimulusSet) -> Iterator[Prediction]:
@@ -168,8 +170,10 @@ def predict_by_formula(stimuli: StimulusSet) -> Iterator[Prediction]:
             continue
         grid = stimuli.find_conditions(part)
         for edge in part.list_felt_edges():
-            for ball, step_height in product(_list_balls(part, grid), _list_steps(part, grid)):
-                yield from _predict_under_ball(stimuli, edge, ball, step_height)
+            for ball, step_height in product(
+                _list_balls(part, grid), _list_step_heights(part, grid)
+            ):
+                yield from _iterate_predictions_under_ball(stimuli, edge, ball, step_height)
 
 
 def find_felt_edge(part: Part, prediction: Prediction) -> Part:
@@ -184,17 +188,17 @@ def _list_balls(part: Part, grid: PredictionGrid) -> list[Dimension]:
     """List the balls that cross a part: those of the setting, or the part's own if it is a tip."""
     if part.ball is not None:
         return [part.ball]
-    return [find_tip(grid, radius) for radius in grid.tip_radii]
+    return [make_tip_dimension(grid, radius) for radius in grid.tip_radii]
 
 
-def _list_steps(part: Part, grid: PredictionGrid) -> tuple[float | None, ...]:
+def _list_step_heights(part: Part, grid: PredictionGrid) -> tuple[float | None, ...]:
     """List heights of the steps that a tip is dragged over [m]; None for a part that is crossed."""
     if part.crossed:
         return (None,)
     return tuple(grid.step_heights)
 
 
-def _predict_under_ball(
+def _iterate_predictions_under_ball(
     stimuli: StimulusSet, part: Part, ball: Dimension, step_height: float | None
 ) -> Iterator[Prediction]:
     """Predict a part under one ball, in the order direction, friction, load."""
@@ -205,7 +209,7 @@ def _predict_under_ball(
     radii = (ball.nominal,) if part.ball is None else ball.limits
     nominal_angles = faces[0].angles(ball.nominal)
     corner_angles = [face.angles(radius) for face, radius in product(faces, radii)]
-    middle = make_middle_face(part, step_height)
+    middle = make_mid_tolerance_face(part, step_height)
     worn = _compute_stiffness_tolerance(stimuli, part)
     for backward in range(len(faces[0].ways)):
         reached = [angles[backward] for angles in corner_angles]
@@ -216,12 +220,12 @@ def _predict_under_ball(
             for angle in angles:
                 releases.append(find_release(angle, load, point.friction, point.tool))
             release, low, high = releases
-            uncertainties = _collect_all_uncertainties(part, grid, ball, load, worn)
+            uncertainties = _collect_uncertainties_with_sheath(part, grid, ball, load, worn)
             interval = None
             if any(uncertainties.values()):
                 interval = estimate_interval(
                     middle,
-                    replace(point, ball_radius=find_zone_middle(ball)),
+                    replace(point, ball_radius=compute_zone_middle(ball)),
                     uncertainties,
                     backward=bool(backward),
                     draws=_DRAWS,
@@ -238,31 +242,31 @@ def _predict_under_ball(
             )
 
 
-def make_middle_face(part: Part, step_height: float | None) -> Counterface:
+def make_mid_tolerance_face(part: Part, step_height: float | None) -> Counterface:
     """Make the counterface in the middle of all tolerance zones, one-sided ones included."""
     if not part.crossed:
         return part.counterface(step_height)
-    sizes = {name: find_zone_middle(dimension) for name, dimension in part.sizes.items()}
+    sizes = {name: compute_zone_middle(dimension) for name, dimension in part.sizes.items()}
     return part.make_counterface(**sizes)
 
 
-def find_tip(grid: PredictionGrid, radius: float) -> Dimension:
+def make_tip_dimension(grid: PredictionGrid, radius: float) -> Dimension:
     """Return a tip of the setting with its tolerance [m]."""
     width = grid.tolerances.tip_radius
     return Dimension(radius, width, -width)
 
 
-def _collect_all_uncertainties(
+def _collect_uncertainties_with_sheath(
     part: Part, grid: PredictionGrid, ball: Dimension, load: float, stiffness_tolerance: float
 ) -> dict[str, float]:
     """Collect those of part and setting, with what a sheath's tolerances add to the spring."""
-    uncertainties = collect_uncertainties(part, grid, ball, load)
+    uncertainties = collect_standard_uncertainties(part, grid, ball, load)
     worn = convert_half_widths({"stiffness": stiffness_tolerance})["stiffness"]
     uncertainties["stiffness"] = math.hypot(uncertainties["stiffness"], worn)
     return uncertainties
 
 
-def collect_uncertainties(
+def collect_standard_uncertainties(
     part: Part, grid: PredictionGrid, ball: Dimension, load: float
 ) -> dict[str, float]:
     """Take every tolerance as rectangular over its zone, in the names of `estimate_interval`."""
@@ -272,8 +276,8 @@ def collect_uncertainties(
     half_widths = {}
     for name, dimension in part.sizes.items():
         if name in known:
-            half_widths[name] = find_half_width(dimension)
-    half_widths["ball_radius"] = find_half_width(ball)
+            half_widths[name] = compute_zone_half_width(dimension)
+    half_widths["ball_radius"] = compute_zone_half_width(ball)
     half_widths["friction"] = tolerances.friction
     half_widths["normal_load"] = tolerances.normal_load * load
     half_widths["stiffness"] = tolerances.stiffness * grid.tool.stiffness
@@ -299,17 +303,17 @@ def _compute_stiffness_tolerance(stimuli: StimulusSet, part: Part) -> float:
     return deviation
 
 
-def find_zone_middle(dimension: Dimension) -> float:
+def compute_zone_middle(dimension: Dimension) -> float:
     """Find the middle of the zone of a tolerance."""
     return dimension.nominal + 0.5 * (dimension.upper + dimension.lower)
 
 
-def find_half_width(dimension: Dimension) -> float:
+def compute_zone_half_width(dimension: Dimension) -> float:
     """Find half the width of the zone of a tolerance."""
     return 0.5 * (dimension.upper - dimension.lower)
 
 
-def drag_in_time(
+def drag_and_measure_ring(
     face: Counterface, point: OperatingPoint, backward: bool, speed: float, **probe: float
 ) -> "tuple[DragTrace, Ring | None]":
     """Drag in time and measure the ring of a tip that releases; `probe` overrides the tool."""
@@ -322,12 +326,14 @@ def drag_in_time(
     return trace, measure_ring(trace, spectra=False)
 
 
-def _measure_drag(prediction: Prediction, speed: float) -> InTime | None:
+def _predict_in_time(prediction: Prediction, speed: float) -> InTime | None:
     """Drag a condition in time at a speed [m/s]; None where the formula lets nothing slip."""
     if prediction.release.status is not Status.RELEASES:
         return None
     try:
-        trace, ring = drag_in_time(prediction.face, prediction.point, prediction.backward, speed)
+        trace, ring = drag_and_measure_ring(
+            prediction.face, prediction.point, prediction.backward, speed
+        )
     except ContactError as error:
         return InTime(f"not dragged: {error}", energy=math.nan, share=math.nan)
     if ring is None:
@@ -335,7 +341,7 @@ def _measure_drag(prediction: Prediction, speed: float) -> InTime | None:
     return InTime(str(trace.status), trace.peak_force, ring.energy, ring.share)
 
 
-def describe_felt(predictions: Iterable[Prediction]) -> list[str]:
+def describe_felt_model(predictions: Iterable[Prediction]) -> list[str]:
     """Say which of the two energies is felt, where any row is felt by the drag."""
     predictions = list(predictions)
     by_drag = sum(prediction.felt_model is Model.DRAG for prediction in predictions)
@@ -351,7 +357,7 @@ def describe_felt(predictions: Iterable[Prediction]) -> list[str]:
     ]
 
 
-def describe_left_out(predictions: Iterable[Prediction]) -> list[str]:
+def describe_predictions_beyond_limits(predictions: Iterable[Prediction]) -> list[str]:
     """Say by name what lies beyond a limit, and so in no mean, range or pair of neighbours."""
     stimuli_beyond: dict[tuple[Status, float], list[str]] = {}
     for prediction in predictions:

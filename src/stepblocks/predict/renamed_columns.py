@@ -26,7 +26,7 @@ _OTHER_UNIT = {
 }
 
 
-def _list_aliases() -> dict[str, str]:
+def _make_column_aliases() -> dict[str, str]:
     """Return the new name of each old one that means the same in the same unit."""
     aliases = {
         "step_height_um": "height_um",
@@ -39,10 +39,10 @@ def _list_aliases() -> dict[str, str]:
     return aliases
 
 
-_ALIASES = _list_aliases()
+_ALIASES = _make_column_aliases()
 
 
-def find_column(name: str, known: Collection[object]) -> str:
+def find_current_column_name(name: str, known: Collection[object]) -> str:
     """Return the name of a column in a table that may have it under its old or its new name.
 
     Parameters
@@ -67,7 +67,7 @@ def find_column(name: str, known: Collection[object]) -> str:
     return name
 
 
-def suggest_column(name: str, known: Collection[object]) -> str:
+def format_renamed_column_hint(name: str, known: Collection[object]) -> str:
     """Return a hint for a message about a column whose name and unit have changed."""
     now = _OTHER_UNIT.get(name)
     if now not in known:

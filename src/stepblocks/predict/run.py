@@ -10,7 +10,7 @@ from stepblocks.declaration.read import load_set
 from stepblocks.declaration.set import StimulusSet
 from stepblocks.errors import PipelineError
 from stepblocks.mistakes import shorten_value
-from stepblocks.predict.as_built import predict_as_declared, predict_blocks
+from stepblocks.predict.as_built import predict_as_declared, predict_blocks_by_serial
 from stepblocks.records.as_built import read_records_by_serial
 
 
@@ -57,6 +57,6 @@ def predict_set(
         return pd.DataFrame(predict_as_declared(stimuli, dragged, speed).rows)
     groups = read_records_by_serial(list(map(Path, as_built)))
     rows = []
-    for predicted in predict_blocks(stimuli, groups, dragged, speed):
+    for predicted in predict_blocks_by_serial(stimuli, groups, dragged, speed):
         rows += predicted.rows
     return pd.DataFrame(rows)

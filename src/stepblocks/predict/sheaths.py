@@ -71,23 +71,23 @@ class Condition:
     finger: float  # share of the stored energy that the grasp takes up as vibration [1]
 
 
-def predict_conditions(stimuli: StimulusSet) -> list[Condition]:
+def predict_probe_conditions(stimuli: StimulusSet) -> list[Condition]:
     """Predict the ring of a set's probe, bare and with each sheath, on the shank or in hand."""
     probe = stimuli.probe
     if probe is None or not stimuli.sheath:
         return []
-    conditions = [_predict_condition(probe, Use.BARE)]
+    conditions = [_predict_probe_condition(probe, Use.BARE)]
     for use in (Use.ON_SHANK, Use.HELD):
         for sheath in stimuli.sheath:
-            conditions.append(_predict_condition(probe, use, sheath))
+            conditions.append(_predict_probe_condition(probe, use, sheath))
     return conditions
 
 
-def _predict_condition(probe: ProbeSpec, use: Use, sheath: Sheath | None = None) -> Condition:
+def _predict_probe_condition(probe: ProbeSpec, use: Use, sheath: Sheath | None = None) -> Condition:
     """Predict the ring of a probe in one use, with a sheath or bare."""
     name, mass, worn = "", 0.0, None
     if sheath is not None:
-        name, mass, worn = sheath.id, sheath.mass, _convert_sheath(sheath, use)
+        name, mass, worn = sheath.id, sheath.mass, _convert_sheath_to_support(sheath, use)
     rod = probe.make_rod()
     ring = compute_rod_ring(rod, worn)
     modes = compute_modes(rod, worn)
@@ -101,7 +101,7 @@ def _predict_condition(probe: ProbeSpec, use: Use, sheath: Sheath | None = None)
     )
 
 
-def _convert_sheath(sheath: Sheath, use: Use) -> Sleeve | Hold | None:
+def _convert_sheath_to_support(sheath: Sheath, use: Use) -> Sleeve | Hold | None:
     """Convert a sheath to what the rod meets: a sleeve on its shank, or the bush that holds it."""
     if use is not Use.HELD:
         return sheath.sleeve
@@ -115,16 +115,16 @@ def _convert_sheath(sheath: Sheath, use: Use) -> Sleeve | Hold | None:
     return Hold(sheath.length.nominal, stiffness, material.loss_factor.value)
 
 
-def find_energy_shares(source: str | Path) -> dict[str, float]:
+def compute_transmitted_energy_shares(set_path: str | Path) -> dict[str, float]:
     """Find the share of the bare probe's energy that each sheath lets through to the clamp.
 
     The shares stand by the names of experiment 1.
     """
     from stepblocks.declaration.read import load_set
 
-    conditions = predict_conditions(load_set(Path(source)))
+    conditions = predict_probe_conditions(load_set(Path(set_path)))
     if not conditions:
-        raise PipelineError(f"damping needs a set with a probe and sheaths, got none [{source}]")
+        raise PipelineError(f"damping needs a set with a probe and sheaths, got none [{set_path}]")
     bare = conditions[0]
     shares = {"bare": 1.0}
     for condition in conditions:
@@ -133,17 +133,17 @@ def find_energy_shares(source: str | Path) -> dict[str, float]:
     return shares
 
 
-def tabulate_rings(stimuli: StimulusSet) -> list[dict[str, str]]:
+def make_ring_rows(stimuli: StimulusSet) -> list[dict[str, str]]:
     """Tabulate the rings of a set's probe."""
-    conditions = predict_conditions(stimuli)
+    conditions = predict_probe_conditions(stimuli)
     if not conditions:
         return []
     bare = conditions[0]
     tool = stimuli.prediction.as_tool()
-    return [_tabulate_ring(condition, bare, tool) for condition in conditions]
+    return [_make_ring_row(condition, bare, tool) for condition in conditions]
 
 
-def _tabulate_ring(condition: Condition, bare: Condition, tool: Tool) -> dict[str, str]:
+def _make_ring_row(condition: Condition, bare: Condition, tool: Tool) -> dict[str, str]:
     """Tabulate a ring beside that of the bare probe, as a row."""
     ring = condition.ring
     duration = tool.ring_duration
@@ -172,14 +172,14 @@ def _tabulate_ring(condition: Condition, bare: Condition, tool: Tool) -> dict[st
     }
 
 
-def tabulate_decay_test(stimuli: StimulusSet) -> list[dict[str, str]]:
+def make_decay_test_rows(stimuli: StimulusSet) -> list[dict[str, str]]:
     """Tabulate what the damping rig will measure of a set's probe."""
     rig = stimuli.damping_rig
     if rig is None:
         return []
     rows: list[dict[str, str]] = []
     bare: dict[str, float] | None = None
-    for condition in predict_conditions(stimuli):
+    for condition in predict_probe_conditions(stimuli):
         test = plan_decay_test(
             condition.ring.as_tool(),
             rig.displacement.value,
@@ -208,35 +208,38 @@ def _format_release_count(bare: dict[str, float], test: dict[str, float]) -> str
 
 
 def plan_decay_test(
-    tool: Tool, displacement: float, noise: float, rate: float, wanted: float
+    tool: Tool, displacement: float, noise: float, sample_rate: float, wanted_uncertainty: float
 ) -> dict[str, float]:
     """Predict what a test of a tool's ring will measure, and how well.
 
-    `wanted` is the relative uncertainty of the logarithmic decrement.
+    `wanted_uncertainty` is the relative uncertainty of the logarithmic decrement.
     """
     require_positive("displacement", displacement)
     require_positive("noise", noise)
-    require_positive("rate", rate)
-    require_positive("wanted", wanted)
+    require_positive("rate", sample_rate)
+    require_positive("wanted", wanted_uncertainty)
     frequency, decay_time = tool.frequency, tool.decay_time
     least_rate = _LEAST_RATE * frequency
-    if rate < least_rate:
+    if sample_rate < least_rate:
         raise ContactError(
-            f"rate must be at least four samples per period ({least_rate:.4g} Hz), got {rate:g} Hz"
+            f"rate must be at least four samples per period ({least_rate:.4g} Hz), "
+            f"got {sample_rate:g} Hz"
         )
     if displacement <= _LEAST_SIGNAL * noise:
         raise ContactError(
             f"displacement must exceed three times the noise ({3e6 * noise:g} um), got "
             f"{displacement * 1e6:g} um"
         )
-    count = max(math.ceil(_RECORD * decay_time * rate), _LEAST_SAMPLES)
+    count = max(math.ceil(_RECORD * decay_time * sample_rate), _LEAST_SAMPLES)
     decrement = 1.0 / (decay_time * frequency)
-    frequency_std, decay_rate_std = _bound_ring_uncertainty(tool, displacement, noise, rate, count)
+    frequency_std, decay_rate_std = _compute_ring_uncertainty_bounds(
+        tool, displacement, noise, sample_rate, count
+    )
     decrement_std = math.hypot(decay_rate_std / frequency, decrement * frequency_std / frequency)
-    releases = max(math.ceil((decrement_std / (wanted * decrement)) ** 2), 1)
+    releases = max(math.ceil((decrement_std / (wanted_uncertainty * decrement)) ** 2), 1)
     if releases > _MOST_RELEASES:
         raise ContactError(
-            f"an uncertainty of {wanted:g} would take {releases} releases, more than "
+            f"an uncertainty of {wanted_uncertainty:g} would take {releases} releases, more than "
             f"{_MOST_RELEASES}"
         )
     time_above_noise = decay_time * math.log(displacement / (_LEAST_SIGNAL * noise))
@@ -250,21 +253,21 @@ def plan_decay_test(
         "log_decrement_std": decrement_std,
         "decay_time_ms": decay_time * 1e3,
         "periods_above_noise": math.floor(time_above_noise * frequency),
-        "record_ms": count / rate * 1e3,
+        "record_ms": count / sample_rate * 1e3,
         "samples": count,
         "releases": releases,
     }
 
 
-def _bound_ring_uncertainty(
-    tool: Tool, displacement: float, noise: float, rate: float, count: int
+def _compute_ring_uncertainty_bounds(
+    tool: Tool, displacement: float, noise: float, sample_rate: float, sample_count: int
 ) -> tuple[float, float]:
     """Return least standard uncertainties of frequency [Hz] and decay rate [1/s] of a sine.
 
     They are the Cramer-Rao bound of one record with white noise.
     """
     decay_time = tool.decay_time
-    time = np.arange(count) / rate
+    time = np.arange(sample_count) / sample_rate
     envelope = np.exp(-time / decay_time)
     phase = math.tau * tool.frequency * time
     cosine = envelope * np.cos(phase)
@@ -278,7 +281,7 @@ def _bound_ring_uncertainty(
 
 def write_sheath_files(stimuli: StimulusSet, folder: Path) -> list[Path]:
     """Write rings, damping test and resolved probe of a set with sheaths."""
-    rings = tabulate_rings(stimuli)
+    rings = make_ring_rows(stimuli)
     if not rings or stimuli.probe is None or stimuli.damping_rig is None:
         return []
     rod = stimuli.probe.make_rod()
@@ -294,7 +297,7 @@ def write_sheath_files(stimuli: StimulusSet, folder: Path) -> list[Path]:
     }
     texts = {
         "rings.csv": format_csv(rings),
-        "damping-test.csv": format_csv(tabulate_decay_test(stimuli)),
+        "damping-test.csv": format_csv(make_decay_test_rows(stimuli)),
         "probe.json": json.dumps(probe, indent=2, allow_nan=False) + "\n",
     }
     paths = []

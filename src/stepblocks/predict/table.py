@@ -109,13 +109,13 @@ def predict_table(
         table = given.to_pandas()
     if isinstance(table, pd.DataFrame):
         refuse_layout(layout, "a table in memory", PipelineError)
-        frame, columns = table, _read_columns(table, "table")
+        frame, columns = table, _read_input_columns(table, "table")
     else:
         path = Path(table)
         read = load_table(path, layout=layout)
         warn_of_notes(read.notes, path)
-        frame, columns = read.frame, _read_columns(read.frame, read.source)
-    predicted = _predict_rows(columns, len(frame)).set_index(frame.index)
+        frame, columns = read.frame, _read_input_columns(read.frame, read.source)
+    predicted = _predict_all_rows(columns, len(frame)).set_index(frame.index)
     kept = [name for name in frame.columns if name not in predicted.columns]
     result = pd.concat([frame[kept], predicted], axis=1)
     if output is not None:
@@ -131,7 +131,7 @@ def list_input_columns() -> list[str]:
     return names
 
 
-def _read_columns(frame: pd.DataFrame, place: object) -> dict[str, Array]:
+def _read_input_columns(frame: pd.DataFrame, place: object) -> dict[str, Array]:
     """Read inputs and their standard uncertainties, ``u_`` before their names [SI]."""
     wanted = dict(_COLUMNS)
     for name, (aliases, dimension, _) in _COLUMNS.items():
@@ -140,10 +140,10 @@ def _read_columns(frame: pd.DataFrame, place: object) -> dict[str, Array]:
     return read_si_columns(frame, wanted, place, allow_missing=True)
 
 
-def _predict_rows(columns: dict[str, Array], count: int) -> pd.DataFrame:
+def _predict_all_rows(columns: dict[str, Array], count: int) -> pd.DataFrame:
     """Predict all rows at once; one outside the equations says why it is invalid."""
     result = pd.DataFrame(math.nan, index=range(count), columns=list(_FIGURES))
-    problems = _find_problems(columns, count)
+    problems = _describe_row_problems(columns, count)
     is_sound = problems == ""
     result["status"] = pd.Series("invalid", index=result.index, dtype=object)
     result["problem"] = pd.Series(problems, index=result.index, dtype=object)
@@ -154,7 +154,7 @@ def _predict_rows(columns: dict[str, Array], count: int) -> pd.DataFrame:
     return result[list(_RESULT)]
 
 
-def _find_problems(columns: dict[str, Array], count: int) -> NDArray[np.object_]:
+def _describe_row_problems(columns: dict[str, Array], count: int) -> NDArray[np.object_]:
     """Say what is wrong with each row, shape (rows,); an empty text where nothing is."""
     problems = np.full(count, "", dtype=object)
     for name, values in columns.items():
@@ -163,23 +163,23 @@ def _find_problems(columns: dict[str, Array], count: int) -> NDArray[np.object_]
         if not is_open.any():
             continue
         unusual, places = np.unique(values[is_open], return_inverse=True)
-        found = [_describe_problem(name, float(value)) for value in unusual]
+        found = [_describe_value_problem(name, float(value)) for value in unusual]
         problems[is_open] = np.array(found, dtype=object)[places]
     return problems
 
 
-def _describe_problem(name: str, value: float) -> str:
+def _describe_value_problem(input_name: str, value: float) -> str:
     """Say why the equations do not take a value [SI] of an input or its uncertainty."""
-    changes: dict[str, Any] = {name: value}
+    changes: dict[str, Any] = {input_name: value}
     try:
-        if name in ("height", "edge_radius"):
+        if input_name in ("height", "edge_radius"):
             replace(_ANY_STEP, **changes)
-        elif name in ("stiffness", "conversion"):
+        elif input_name in ("stiffness", "conversion"):
             replace(PAPER.tool, **changes)
-        elif name in _COLUMNS:
+        elif input_name in _COLUMNS:
             replace(PAPER, **changes)
         else:
-            require_not_negative(f"uncertainty of {name.removeprefix('u_')}", value)
+            require_not_negative(f"uncertainty of {input_name.removeprefix('u_')}", value)
     except ContactError as error:
         return str(error)
     return ""
@@ -196,7 +196,7 @@ def _predict_sound_rows(columns: dict[str, Array]) -> dict[str, Array | NDArray[
     release = find_release(angle, load, friction, PAPER.tool)
     is_beyond = np.char.startswith(release.status, "beyond-")
     energy = conversion * kernels.compute_stored_energy(release.pull_force, stiffness)
-    ends = _find_ends(columns, angle)
+    ends = _compute_interval_ends(columns, angle)
     known_energy = np.where(is_beyond, math.nan, energy)
     known_energy_low = np.where(is_beyond, math.nan, ends.energy_low)
     known_energy_high = np.where(is_beyond, math.nan, ends.energy_high)
@@ -213,7 +213,7 @@ def _predict_sound_rows(columns: dict[str, Array]) -> dict[str, Array | NDArray[
     }
 
 
-def _find_ends(columns: dict[str, Array], angle: Array) -> IntervalEnds:
+def _compute_interval_ends(columns: dict[str, Array], angle: Array) -> IntervalEnds:
     """Find the ends of all intervals; both are the value itself where a row is known exactly."""
     inputs = {name: columns[name] for name in STEP_INPUTS}
     limit = PAPER.tool.limits.first.force

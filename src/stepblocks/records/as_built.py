@@ -80,7 +80,7 @@ class AsBuilt:
     @property
     def contact_height(self) -> float | None:
         """Height that a tip meets [m]: the step with a burr on it that does not conform."""
-        return _add_failed_burr(self.height, self.values.get("burr"))
+        return _compute_contact_height(self.height, self.values.get("burr"))
 
     @property
     def second_height(self) -> AsBuiltValue | None:
@@ -90,16 +90,18 @@ class AsBuilt:
     @property
     def second_contact_height(self) -> float | None:
         """Height that a tip meets at the second step [m], as `contact_height`."""
-        return _add_failed_burr(self.second_height, self.values.get("second_burr"))
+        return _compute_contact_height(self.second_height, self.values.get("second_burr"))
 
 
-def _add_failed_burr(height: AsBuiltValue | None, burr: AsBuiltValue | None) -> float | None:
+def _compute_contact_height(
+    measured_height: AsBuiltValue | None, burr: AsBuiltValue | None
+) -> float | None:
     """Add a burr that fails its limit to a height [m]; None without a height."""
-    if height is None:
+    if measured_height is None:
         return None
     if burr is None or burr.verdict != _FAILED:
-        return height.value
-    return height.value + burr.value
+        return measured_height.value
+    return measured_height.value + burr.value
 
 
 class _Head(BaseModel):
@@ -158,7 +160,7 @@ def write_as_built(path: Path, record: AsBuilt) -> list[Path]:
     profile = None
     digest = ""
     if record.surface is not None:
-        table = _format_profile(record.surface)
+        table = _format_profile_csv(record.surface)
         surface_path = path.with_name(f"{path.stem}.profile.csv")
         replace_text(surface_path, table)
         written.append(surface_path)
@@ -173,13 +175,13 @@ def write_as_built(path: Path, record: AsBuilt) -> list[Path]:
         edge_is_arc=record.arc,
         profile=profile,
         profile_sha256=digest,
-        values={key: _format_value(value) for key, value in record.values.items()},
+        values={key: _format_value_with_units(value) for key, value in record.values.items()},
     )
     replace_text(path, document.to_toml())
     return written
 
 
-def _format_value(value: AsBuiltValue) -> _WrittenValue:
+def _format_value_with_units(value: AsBuiltValue) -> _WrittenValue:
     """Return a value with its unit."""
     return _WrittenValue(
         value=format_quantity(value.value, "length", _VALUE_DIGITS),
@@ -188,7 +190,7 @@ def _format_value(value: AsBuiltValue) -> _WrittenValue:
     )
 
 
-def _format_profile(surface: ScannedProfile) -> str:
+def _format_profile_csv(surface: ScannedProfile) -> str:
     """Return positions and heights of a profile as CSV, in micrometres."""
     table = io.StringIO()
     columns = np.column_stack([surface.position, surface.height]) * 1e6
@@ -219,7 +221,7 @@ def read_as_built(path: str | Path) -> AsBuilt:
     record = validate_data(_Record, document, path, MetrologyError)
     surface = None
     if record.profile is not None:
-        surface = _read_surface(path, record.profile, record.profile_sha256)
+        surface = _read_verified_surface(path, record.profile, record.profile_sha256)
     return AsBuilt(
         stimulus=record.stimulus,
         scan=record.scan,
@@ -231,7 +233,7 @@ def read_as_built(path: str | Path) -> AsBuilt:
     )
 
 
-def read_records(paths: Sequence[Path]) -> dict[str, AsBuilt]:
+def read_one_record_per_stimulus(record_paths: Sequence[Path]) -> dict[str, AsBuilt]:
     """Read one record of each stimulus from files and folders of records.
 
     Raises
@@ -240,7 +242,7 @@ def read_records(paths: Sequence[Path]) -> dict[str, AsBuilt]:
         If there is no record, or two of one stimulus.
     """
     records: dict[str, AsBuilt] = {}
-    for serial, of_block in read_records_by_serial(paths).items():
+    for serial, of_block in read_records_by_serial(record_paths).items():
         for stimulus, record in of_block.items():
             if stimulus in records:
                 raise PipelineError(
@@ -251,12 +253,12 @@ def read_records(paths: Sequence[Path]) -> dict[str, AsBuilt]:
     return records
 
 
-def read_records_by_serial(paths: Sequence[Path]) -> dict[str, dict[str, AsBuilt]]:
+def read_records_by_serial(record_paths: Sequence[Path]) -> dict[str, dict[str, AsBuilt]]:
     """Read the records of several blocks, by serial number and stimulus.
 
     Parameters
     ----------
-    paths : sequence of Path
+    record_paths : sequence of Path
         Files; folders of them; and folders that `write_many` wrote, with one folder for each serial
         number.
 
@@ -271,7 +273,7 @@ def read_records_by_serial(paths: Sequence[Path]) -> dict[str, dict[str, AsBuilt
         If there is no record, or two of one stimulus under one number.
     """
     groups: dict[str, dict[str, AsBuilt]] = {}
-    for serial, file in _list_record_files(paths):
+    for serial, file in _list_record_files_with_serials(record_paths):
         record = read_as_built(file)
         group = groups.setdefault(serial, {})
         if record.stimulus in group:
@@ -284,10 +286,10 @@ def read_records_by_serial(paths: Sequence[Path]) -> dict[str, dict[str, AsBuilt
     return groups
 
 
-def _list_record_files(paths: Sequence[Path]) -> list[tuple[str, Path]]:
+def _list_record_files_with_serials(record_paths: Sequence[Path]) -> list[tuple[str, Path]]:
     """List records with their serial numbers: files, those of folders and of folders in these."""
     files: list[tuple[str, Path]] = []
-    for path in paths:
+    for path in record_paths:
         if not path.is_dir():
             files.append(("", path))
             continue
@@ -298,13 +300,13 @@ def _list_record_files(paths: Sequence[Path]) -> list[tuple[str, Path]]:
     return files
 
 
-def list_measured_edges(records: dict[str, AsBuilt]) -> dict[str, dict[str, float]]:
+def collect_measured_edges(records_by_block: dict[str, AsBuilt]) -> dict[str, dict[str, float]]:
     """List heights and edge radii of inspected blocks for the closed loop, units in the names.
 
     A block of which no height was measured is left out.
     """
     edges: dict[str, dict[str, float]] = {}
-    for block, record in records.items():
+    for block, record in records_by_block.items():
         height = record.height
         if height is None:
             continue
@@ -315,21 +317,25 @@ def list_measured_edges(records: dict[str, AsBuilt]) -> dict[str, dict[str, floa
     return edges
 
 
-def _read_surface(record: Path, name: str, digest: str) -> ScannedProfile:
+def _read_verified_surface(
+    record_path: Path, file_name: str, expected_sha256: str
+) -> ScannedProfile:
     """Read the profile that a record names, which must have this SHA-256 and lie beside it."""
-    if not digest or Path(name).name != name:
+    if not expected_sha256 or Path(file_name).name != file_name:
         raise MetrologyError(
             "profile must be the name of a file beside the record, with profile_sha256, got "
-            f"{name!r} [{record}]"
+            f"{file_name!r} [{record_path}]"
         )
-    path = record.with_name(name)
+    path = record_path.with_name(file_name)
     if not is_file(path):
-        raise MetrologyError(f"profile must lie beside the record, missing {name!r} [{record}]")
+        raise MetrologyError(
+            f"profile must lie beside the record, missing {file_name!r} [{record_path}]"
+        )
     surface = read_text_scan(path)
-    is_inspected = hashlib.sha256(path.read_bytes()).hexdigest() == digest
+    is_inspected = hashlib.sha256(path.read_bytes()).hexdigest() == expected_sha256
     if not is_inspected or not isinstance(surface, ScannedProfile):
         raise MetrologyError(
-            f"profile must be the one that was inspected, got another under the name {name!r} "
-            f"[{record}]"
+            f"profile must be the one that was inspected, got another under the name {file_name!r} "
+            f"[{record_path}]"
         )
     return surface

@@ -132,9 +132,9 @@ class CertificateContent:
     results: tuple[CertifiedCharacteristic, ...]
     open_ends: tuple[OpenEnd, ...]
 
-    def render(self, template: str) -> str:
+    def render_template(self, template_name: str) -> str:
         """Fill a template of this room."""
-        return render_page("stepblocks.records", template, **vars(self))
+        return render_page("stepblocks.records", template_name, **vars(self))
 
 
 def write_certificate(
@@ -142,7 +142,7 @@ def write_certificate(
     part: Part,
     record: InspectionRecord,
     order: OrderSpec,
-    digest: str,
+    scan_sha256: str,
     laboratory: Laboratory | None = None,
 ) -> list[Path]:
     """Write both forms of the certificate of an inspection.
@@ -158,7 +158,7 @@ def write_certificate(
         What was measured and judged.
     order : OrderSpec
         Its owner, or else its author, is the customer.
-    digest : str
+    scan_sha256 : str
         SHA-256 of the scan.
     laboratory : Laboratory, optional
         Without it the certificate is a draft.
@@ -168,10 +168,10 @@ def write_certificate(
     list of Path
         The digital certificate and the PDF.
     """
-    content = build_certificate_content(part, record, order, digest, laboratory)
-    replace_text(path, content.render("dcc.xml.j2"))
+    content = build_certificate_content(part, record, order, scan_sha256, laboratory)
+    replace_text(path, content.render_template("dcc.xml.j2"))
     page = path.with_name(f"{path.name.removesuffix('.dcc.xml')}.certificate.pdf")
-    write_pdf(page, content)
+    write_certificate_pdf(page, content)
     return [path, page]
 
 
@@ -179,7 +179,7 @@ def build_certificate_content(
     part: Part,
     record: InspectionRecord,
     order: OrderSpec,
-    digest: str,
+    scan_sha256: str,
     laboratory: Laboratory | None,
 ) -> CertificateContent:
     """Return what both forms of a certificate say, from what `write_certificate` takes."""
@@ -193,7 +193,7 @@ def build_certificate_content(
     for entry in record.characteristics:
         if entry.key not in numbers:
             continue
-        obstacle = _describe_obstacle(entry)
+        obstacle = _describe_certification_obstacle(entry)
         if obstacle:
             open_ends.append(OpenEnd(numbers[entry.key], entry.label, obstacle))
         else:
@@ -216,55 +216,55 @@ def build_certificate_content(
         scan=record.scan,
         release=__version__,
         blank=_BLANK,
-        customer=_find_customer(order, laboratory),
+        customer=_get_customer_name(order, laboratory),
         begin=begin,
         end=end,
-        digest=digest[:_DIGEST_DIGITS],
+        digest=scan_sha256[:_DIGEST_DIGITS],
         laboratory=laboratory,
-        conformity=_find_conformity_of_whole(results, record.is_complete),
+        conformity=_determine_overall_conformity(results, record.is_complete),
         results=tuple(results),
         open_ends=tuple(sorted(open_ends, key=lambda open_end: open_end.number)),
     )
 
 
-def _find_customer(order: OrderSpec, laboratory: Laboratory | None) -> str:
+def _get_customer_name(order: OrderSpec, laboratory: Laboratory | None) -> str:
     """Return the customer that the laboratory names, or else the owner or author of the order."""
     if laboratory is not None and laboratory.customer:
         return laboratory.customer
     return order.owner or order.author
 
 
-def _describe_obstacle(entry: JudgedRecord) -> str:
+def _describe_certification_obstacle(judged: JudgedRecord) -> str:
     """Return why a value is not certified; empty where nothing stands against it."""
-    if not entry.uncertainty_stated:
+    if not judged.uncertainty_stated:
         return "measured, without a stated uncertainty"
-    if entry.bound:
-        return f"known as a bound only: {entry.bound} {_describe_bound(entry)}"
-    if entry.coverage_factor > _LARGEST_FACTOR:
+    if judged.bound:
+        return f"known as a bound only: {judged.bound} {_describe_one_sided_value(judged)}"
+    if judged.coverage_factor > _LARGEST_FACTOR:
         return (
-            f"too few profiles or scans: coverage factor {entry.coverage_factor:.2f}, "
+            f"too few profiles or scans: coverage factor {judged.coverage_factor:.2f}, "
             f"at most {_LARGEST_FACTOR}; four scans of the part or more suffice"
         )
     return ""
 
 
-def _describe_bound(entry: JudgedRecord) -> str:
+def _describe_one_sided_value(judged: JudgedRecord) -> str:
     """Write the value of a bound with its expanded uncertainty, limits and verdict."""
     factor, unit = 1e6, "um"
-    if entry.unit == "rad":
+    if judged.unit == "rad":
         factor, unit = _DEGREES, "deg"
-    low, high = entry.interval_95
+    low, high = judged.interval_95
     half = 0.5 * (high - low) * factor
     limits = []
-    if entry.lower_limit is not None:
-        limits.append(f"at least {entry.lower_limit * factor:.7g}")
-    if entry.upper_limit is not None:
-        limits.append(f"at most {entry.upper_limit * factor:.7g}")
-    text = f"{entry.value * factor:.3g} {unit}, U (95 %) {half:.2g} {unit}"
-    return f"{text}; required {' and '.join(limits) or 'nothing'} {unit}: {entry.verdict}"
+    if judged.lower_limit is not None:
+        limits.append(f"at least {judged.lower_limit * factor:.7g}")
+    if judged.upper_limit is not None:
+        limits.append(f"at most {judged.upper_limit * factor:.7g}")
+    text = f"{judged.value * factor:.3g} {unit}, U (95 %) {half:.2g} {unit}"
+    return f"{text}; required {' and '.join(limits) or 'nothing'} {unit}: {judged.verdict}"
 
 
-def _find_conformity_of_whole(results: list[CertifiedCharacteristic], is_complete: bool) -> str:
+def _determine_overall_conformity(results: list[CertifiedCharacteristic], is_complete: bool) -> str:
     """Return the worst conformity of all results.
 
     Of a part that was not wholly measured nothing is stated as a whole, unless it fails: then, and
@@ -279,60 +279,62 @@ def _find_conformity_of_whole(results: list[CertifiedCharacteristic], is_complet
     return ""
 
 
-def _build_certified_characteristic(number: int, entry: JudgedRecord) -> CertifiedCharacteristic:
-    """Return a characteristic as the certificate states it; `number` is that on the drawing."""
-    low, high = entry.interval_95
+def _build_certified_characteristic(
+    drawing_number: int, judged: JudgedRecord
+) -> CertifiedCharacteristic:
+    """Return a characteristic as the certificate states it, by its number on the drawing."""
+    low, high = judged.interval_95
     limits = []
-    if entry.lower_limit is not None:
-        limits.append(CertifiedLimit("lower", _format_decimal(entry.lower_limit)))
-    if entry.upper_limit is not None:
-        limits.append(CertifiedLimit("upper", _format_decimal(entry.upper_limit)))
+    if judged.lower_limit is not None:
+        limits.append(CertifiedLimit("lower", _format_dsi_decimal(judged.lower_limit)))
+    if judged.upper_limit is not None:
+        limits.append(CertifiedLimit("upper", _format_dsi_decimal(judged.upper_limit)))
     # what is unknown is no zero: it is named in the text and has no number
     budget = []
     not_observed = []
     assumed = []
-    for part in entry.budget:
+    for part in judged.budget:
         if part.std is None:
             not_observed.append(f"{part.name}: {part.how}")
         else:
-            budget.append(CertifiedComponent(part.name, _format_decimal(part.std)))
+            budget.append(CertifiedComponent(part.name, _format_dsi_decimal(part.std)))
         if part.assumed:
             assumed.append(f"{part.name} {part.how}")
     unit = "\\metre"
-    if entry.unit == "rad":
+    if judged.unit == "rad":
         unit = "\\radian"
     return CertifiedCharacteristic(
-        number=number,
-        label=entry.label,
-        verdict=entry.verdict,
+        number=drawing_number,
+        label=judged.label,
+        verdict=judged.verdict,
         unit=unit,
-        value=_format_decimal(entry.value),
-        expanded=_format_decimal(0.5 * (high - low)),
-        nominal=_format_decimal(entry.nominal),
-        guard=_format_decimal(entry.guard_band),
-        factor=f"{entry.coverage_factor:.3f}",
+        value=_format_dsi_decimal(judged.value),
+        expanded=_format_dsi_decimal(0.5 * (high - low)),
+        nominal=_format_dsi_decimal(judged.nominal),
+        guard=_format_dsi_decimal(judged.guard_band),
+        factor=f"{judged.coverage_factor:.3f}",
         limits=tuple(limits),
         budget=tuple(budget),
         not_observed=tuple(not_observed),
         assumed=tuple(assumed),
-        conformity=_find_conformity(entry),
+        conformity=_determine_conformity(judged),
     )
 
 
-def _find_conformity(entry: JudgedRecord) -> Conformity:
+def _determine_conformity(judged: JudgedRecord) -> Conformity:
     """Return the conformity of a characteristic, conditional where neither is proven."""
-    if entry.verdict == "conforms":
+    if judged.verdict == "conforms":
         return Conformity.PASS
-    if entry.verdict == "does not conform":
+    if judged.verdict == "does not conform":
         return Conformity.FAIL
-    is_below = entry.lower_limit is not None and entry.value < entry.lower_limit
-    is_above = entry.upper_limit is not None and entry.value > entry.upper_limit
+    is_below = judged.lower_limit is not None and judged.value < judged.lower_limit
+    is_above = judged.upper_limit is not None and judged.value > judged.upper_limit
     if is_below or is_above:
         return Conformity.CONDITIONAL_FAIL
     return Conformity.CONDITIONAL_PASS
 
 
-def _format_decimal(size: float) -> str:
+def _format_dsi_decimal(size: float) -> str:
     """Write a size to a tenth of a pico unit, in the notation that D-SI takes for decimals."""
     text = f"{size:.13f}".rstrip("0").rstrip(".")
     if text in ("", "-0"):
@@ -340,16 +342,18 @@ def _format_decimal(size: float) -> str:
     return text
 
 
-def write_pdf(path: Path, content: CertificateContent) -> None:
+def write_certificate_pdf(path: Path, content: CertificateContent) -> None:
     """Write the certificate as A4 pages."""
     from matplotlib.backends.backend_pdf import PdfPages
 
-    lines = _wrap_lines(unescape(content.render("certificate.txt.j2")).splitlines())
-    rows = list(map(format_row, content.results))
+    lines = _wrap_paragraphs_to_page(
+        unescape(content.render_template("certificate.txt.j2")).splitlines()
+    )
+    rows = list(map(format_table_cells, content.results))
     pages = []
     for first in range(0, max(len(rows), 1), _ROWS):
         pages.append((lines, rows[first : first + _ROWS]))
-    annex = _wrap_lines(_list_annex_lines(content))
+    annex = _wrap_paragraphs_to_page(_format_annex_lines(content))
     for first in range(0, len(annex), _LINES):
         pages.append((annex[first : first + _LINES], []))
     # in memory, since on a full disk the library ends in an error of its compressor
@@ -357,11 +361,11 @@ def write_pdf(path: Path, content: CertificateContent) -> None:
         with PdfPages(file, metadata={"CreationDate": None, "ModDate": None}) as document:
             for number, (text, table) in enumerate(pages, start=1):
                 heading = f"Certificate   {content.identity}   page {number} of {len(pages)}"
-                document.savefig(_draw_page(heading, text, table))
+                document.savefig(_draw_certificate_page(heading, text, table))
         replace_bytes(path, file.getvalue())
 
 
-def _wrap_lines(paragraphs: Iterable[str]) -> list[str]:
+def _wrap_paragraphs_to_page(paragraphs: Iterable[str]) -> list[str]:
     """Break paragraphs into lines that fit the page."""
     lines = []
     for paragraph in paragraphs:
@@ -369,13 +373,13 @@ def _wrap_lines(paragraphs: Iterable[str]) -> list[str]:
     return lines
 
 
-def _list_annex_lines(content: CertificateContent) -> list[str]:
+def _format_annex_lines(content: CertificateContent) -> list[str]:
     """List what stands behind the results: their budgets, and what is not certified."""
     lines = []
     if content.results:
         lines.append("uncertainty budgets, standard uncertainties")
     for result in content.results:
-        factor, unit = _choose_unit(result)
+        factor, unit = _choose_factor_and_unit(result)
         parts = []
         for component in result.budget:
             parts.append(f"{component.source} {float(component.std) * factor:.3g} {unit}")
@@ -388,29 +392,31 @@ def _list_annex_lines(content: CertificateContent) -> list[str]:
     return lines
 
 
-def _choose_unit(result: CertifiedCharacteristic) -> tuple[float, str]:
+def _choose_factor_and_unit(result: CertifiedCharacteristic) -> tuple[float, str]:
     """Return the unit in which a characteristic is shown, with how many make one of the SI."""
     if result.unit == "\\metre":
         return 1e6, "um"
     return _DEGREES, "deg"
 
 
-def _draw_page(heading: str, lines: list[str], rows: list[list[str]]) -> "Figure":
+def _draw_certificate_page(
+    heading: str, text_lines: list[str], table_rows: list[list[str]]
+) -> "Figure":
     """Draw one page: heading, lines of text, and rows of the table below them, if any."""
     from matplotlib.figure import Figure
     from matplotlib.transforms import Bbox
 
     figure = Figure(figsize=_A4)
     figure.text(_LEFT, 0.96, heading, fontsize=14, weight="bold")
-    figure.text(_LEFT, 0.94, "\n".join(lines), fontsize=7, va="top")
-    if not rows:
+    figure.text(_LEFT, 0.94, "\n".join(text_lines), fontsize=7, va="top")
+    if not table_rows:
         return figure
-    height = _ROW_HEIGHT * (len(rows) + 1)
-    bottom = max(0.93 - _LINE_HEIGHT * len(lines) - height, _LOWEST)
+    height = _ROW_HEIGHT * (len(table_rows) + 1)
+    bottom = max(0.93 - _LINE_HEIGHT * len(text_lines) - height, _LOWEST)
     axes = figure.add_axes((_LEFT, bottom, _TABLE_WIDTH, height))
     axes.set_axis_off()
     table = axes.table(
-        cellText=rows,
+        cellText=table_rows,
         cellLoc="left",
         colLabels=_HEADINGS,
         colWidths=_COLUMN_WIDTHS,
@@ -421,12 +427,12 @@ def _draw_page(heading: str, lines: list[str], rows: list[list[str]]) -> "Figure
     return figure
 
 
-def format_row(result: CertifiedCharacteristic) -> list[str]:
+def format_table_cells(result: CertifiedCharacteristic) -> list[str]:
     """Return the cells of a characteristic, lengths in micrometres and angles in degrees.
 
     The uncertainty has two digits, and the value as many decimals (JCGM 100, 7.2.6).
     """
-    factor, unit = _choose_unit(result)
+    factor, unit = _choose_factor_and_unit(result)
     ends = {}
     for limit in result.limits:
         ends[limit.side] = f"{float(limit.size) * factor:.7g}"

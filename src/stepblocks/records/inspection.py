@@ -19,22 +19,22 @@ _SIZES = (
 )
 
 
-def _name_in_metres(field: str) -> str:
+def _add_metre_suffix(field_name: str) -> str:
     """Return the key of a field of a length."""
-    if field in _SIZES:
-        return f"{field}_m"
-    return field
+    if field_name in _SIZES:
+        return f"{field_name}_m"
+    return field_name
 
 
-def _name_in_radians(field: str) -> str:
+def _add_radian_suffix(field_name: str) -> str:
     """Return the key of a field of an angle."""
-    if field in _SIZES:
-        return f"{field}_rad"
-    return field
+    if field_name in _SIZES:
+        return f"{field_name}_rad"
+    return field_name
 
 
-_LENGTH = ConfigDict(frozen=True, populate_by_name=True, alias_generator=_name_in_metres)
-_ANGLE = ConfigDict(frozen=True, populate_by_name=True, alias_generator=_name_in_radians)
+_LENGTH = ConfigDict(frozen=True, populate_by_name=True, alias_generator=_add_metre_suffix)
+_ANGLE = ConfigDict(frozen=True, populate_by_name=True, alias_generator=_add_radian_suffix)
 
 
 class ComponentRecord(BaseModel):

@@ -167,7 +167,7 @@ class ModelFile:
     nominal: FitPart
     extended: FitPart
 
-    def as_document(self) -> dict[str, Any]:
+    def to_document(self) -> dict[str, Any]:
         """Return the form in JSON, without the laws that are not known."""
         document = asdict(self)
         for kind in ("friction", "contact"):
@@ -178,11 +178,11 @@ class ModelFile:
 
 def build_model_document(learned: LearnedModel) -> dict[str, Any]:
     """Return a learned model as the plain values of model.json."""
-    return _build_model_file(learned).as_document()
+    return _build_model_file(learned).to_document()
 
 
 @cache
-def _build_model_reader() -> TypeAdapter[ModelFile]:
+def _build_model_adapter() -> TypeAdapter[ModelFile]:
     """Build what reads the document of a model, on first use."""
     return TypeAdapter(ModelFile)
 
@@ -253,17 +253,17 @@ def read_model(path: str | Path) -> LearnedModel:
     if not isinstance(document, dict) or document.get("format") not in known:
         raise PipelineError(f"model must have the format {' or '.join(known)} [{path}]")
     try:
-        file = _build_model_reader().validate_python(document)
-        return _parse_model(file, path)
+        file = _build_model_adapter().validate_python(document)
+        return _convert_file_to_model(file, path)
     except ValidationError as error:
         raise PipelineError(
-            f"model is incomplete or damaged: {_describe_damage(error)} [{path}]"
+            f"model is incomplete or damaged: {_describe_first_damage(error)} [{path}]"
         ) from error
     except (QuantityError, ContactError) as error:
         raise PipelineError(f"model is incomplete or damaged: {error} [{path}]") from error
 
 
-def _describe_damage(error: ValidationError) -> str:
+def _describe_first_damage(error: ValidationError) -> str:
     """Say what is wrong with the first value that is."""
     finding = error.errors(include_url=False)[0]
     place = ".".join(map(str, finding["loc"]))
@@ -272,64 +272,75 @@ def _describe_damage(error: ValidationError) -> str:
     return f"{place}: {finding['msg']}"
 
 
-def _parse_model(file: ModelFile, path: Path) -> LearnedModel:
+def _convert_file_to_model(model_file: ModelFile, path: Path) -> LearnedModel:
     """Turn the contents of a file into a learned model; `path` is named where it cannot be."""
-    blocks = tuple(file.blocks)
+    blocks = tuple(model_file.blocks)
     exchanges = [make_exchange_law(*pair) for pair in combinations(blocks, 2)]
-    known = (*list_named_laws(blocks), *exchanges, *list_composed_laws(file.covariates))
+    known = (*list_named_laws(blocks), *exchanges, *list_composed_laws(model_file.covariates))
     laws = {law.id: law for law in known}
-    extended = _parse_fit("extended", file.extended, laws, path)
-    quantity_std = _parse_numbers("quantity_std", file.scatter.quantity_std, (len(_QUANTITIES),))
-    if file.format == _FORMAT_BEFORE:
+    extended = _convert_part_to_fit("extended", model_file.extended, laws, path)
+    quantity_std = _parse_number_array(
+        "quantity_std", model_file.scatter.quantity_std, (len(_QUANTITIES),)
+    )
+    if model_file.format == _FORMAT_BEFORE:
         quantity_std[0] /= extended.values["friction"]
     known_laws = {}
-    for kind, law in (("friction", file.probe.friction), ("contact", file.probe.contact)):
+    for kind, law in (
+        ("friction", model_file.probe.friction),
+        ("contact", model_file.probe.contact),
+    ):
         if law is not None:
             known_laws[kind] = law
     tool = Tool(
-        stiffness=file.probe.spring_constant_n_per_m,
-        frequency=file.start.ring_frequency_hz,
-        decay_time=file.start.decay_time_s,
+        stiffness=model_file.probe.spring_constant_n_per_m,
+        frequency=model_file.start.ring_frequency_hz,
+        decay_time=model_file.start.decay_time_s,
         limits=Limits(),  # what a bench measured was no hand's
     )
-    channel_std = _parse_numbers("channel_std", file.scatter.channel_std, (len(CHANNELS),))
+    channel_std = _parse_number_array(
+        "channel_std", model_file.scatter.channel_std, (len(CHANNELS),)
+    )
     return LearnedModel(
-        verdict=file.verdict,
+        verdict=model_file.verdict,
         tool=tool,
-        tip_radius_um=file.probe.tip_radius_um,
-        height_std=file.block_height_std_m,
-        scanned=file.scanned_height_m,
+        tip_radius_um=model_file.probe.tip_radius_um,
+        height_std=model_file.block_height_std_m,
+        scanned=model_file.scanned_height_m,
         blocks=blocks,
-        ranges=file.covariates,
+        ranges=model_file.covariates,
         quantity_std=quantity_std,
         channel_std=channel_std,
-        nominal=_parse_fit("nominal", file.nominal, laws, path),
+        nominal=_convert_part_to_fit("nominal", model_file.nominal, laws, path),
         extended=extended,
         known_laws=known_laws,
     )
 
 
-def _parse_fit(name: str, part: FitPart, laws: Mapping[str, Law], path: Path) -> LearnedFit:
+def _convert_part_to_fit(
+    part_name: str, fit_part: FitPart, laws_by_id: Mapping[str, Law], path: Path
+) -> LearnedFit:
     """Turn a part of a file into a fit, and check its values.
 
     Parameters
     ----------
-    name : str
+    part_name : str
         Of the part, for messages.
-    part : FitPart
-    laws : Mapping[str, Law]
+    fit_part : FitPart
+    laws_by_id : Mapping[str, Law]
         All laws that are known, by name.
     path : Path
         Of the file, for messages.
     """
-    count = len(part.names)
-    numbers = _parse_numbers(f"values of {name}", part.values, (count,))
-    values = dict(zip(part.names, numbers.tolist(), strict=True))
-    covariance = _parse_numbers(f"covariance of {name}", part.covariance, (count, count))
+    count = len(fit_part.names)
+    numbers = _parse_number_array(f"values of {part_name}", fit_part.values, (count,))
+    values = dict(zip(fit_part.names, numbers.tolist(), strict=True))
+    covariance = _parse_number_array(
+        f"covariance of {part_name}", fit_part.covariance, (count, count)
+    )
     effects, unknown = [], []
-    for effect in part.effects:
-        if effect.id in laws:
-            effects.append(laws[effect.id])
+    for effect in fit_part.effects:
+        if effect.id in laws_by_id:
+            effects.append(laws_by_id[effect.id])
         else:
             unknown.append(effect.id)
     if unknown:
@@ -337,27 +348,30 @@ def _parse_fit(name: str, part: FitPart, laws: Mapping[str, Law], path: Path) ->
             f"model has the law {', '.join(unknown)}, which is not known: give its file by --laws, "
             f"or install the package that offers it [{path}]"
         )
-    for constant in _list_constants():
-        _check_value(name, constant.name, constant, values)
+    for constant in _list_session_constants():
+        _check_fitted_value(part_name, constant.name, constant, values)
     for law in effects:
         for parameter in law.parameters:
-            _check_value(name, law.name_in_fit(parameter.name), parameter, values)
-    return LearnedFit(values, tuple(part.units), covariance, tuple(effects))
+            _check_fitted_value(part_name, law.name_in_fit(parameter.name), parameter, values)
+    return LearnedFit(values, tuple(fit_part.units), covariance, tuple(effects))
 
 
-def _check_value(part: str, name: str, parameter: Parameter, values: Mapping[str, float]) -> None:
+def _check_fitted_value(
+    part_name: str, value_name: str, parameter: Parameter, values_by_name: Mapping[str, float]
+) -> None:
     """Refuse a value that is missing or beyond the bounds of its parameter."""
-    if name not in values:
-        raise QuantityError(f"{name} of {part} is missing")
+    if value_name not in values_by_name:
+        raise QuantityError(f"{value_name} of {part_name} is missing")
     low, high = parameter.low, parameter.high
-    if not low <= values[name] <= high:
+    if not low <= values_by_name[value_name] <= high:
         raise QuantityError(
-            f"{name} of {part} must lie between {low:g} and {high:g}, got {values[name]:g}"
+            f"{value_name} of {part_name} must lie between {low:g} and {high:g}, got "
+            f"{values_by_name[value_name]:g}"
         )
 
 
 @cache
-def _list_constants() -> tuple[Parameter, ...]:
+def _list_session_constants() -> tuple[Parameter, ...]:
     """List the constants of every session.
 
     A single trial adds the height of its block, which comes last and is left out.
@@ -367,14 +381,16 @@ def _list_constants() -> tuple[Parameter, ...]:
     return list_constants(build_bench_design(np.array(["block"]), trial, 1.0))[:-1]
 
 
-def _parse_numbers(name: str, raw: object, shape: tuple[int, ...]) -> Floats:
+def _parse_number_array(array_name: str, raw_numbers: object, shape: tuple[int, ...]) -> Floats:
     """Turn numbers of a file into an array, and refuse another shape or a number not finite."""
     try:
-        numbers = np.asarray(raw, dtype=np.float64)
+        numbers = np.asarray(raw_numbers, dtype=np.float64)
     except ValueError as error:  # rows of different lengths
-        raise QuantityError(f"{name} must be {_format_shape(shape)} finite numbers") from error
+        raise QuantityError(
+            f"{array_name} must be {_format_shape(shape)} finite numbers"
+        ) from error
     if numbers.shape != shape or not np.all(np.isfinite(numbers)):
-        raise QuantityError(f"{name} must be {_format_shape(shape)} finite numbers")
+        raise QuantityError(f"{array_name} must be {_format_shape(shape)} finite numbers")
     return numbers
 
 

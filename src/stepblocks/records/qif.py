@@ -71,7 +71,7 @@ def write_qif(
     path: Path,
     part: Part,
     order: OrderSpec | None = None,
-    measured: Values | None = None,
+    measured_by_key: Values | None = None,
     is_complete: bool = True,
 ) -> None:
     """Write the plan of a part, and its results where they are given.
@@ -84,16 +84,16 @@ def write_qif(
         Its characteristics are planned.
     order : OrderSpec, optional
         Author and date.
-    measured : Values, optional
+    measured_by_key : Values, optional
         Measured values, standard uncertainties [m or rad] and verdicts, by key.
     is_complete : bool
         Whether all that the order asks for was measured: only then can the part pass as a whole.
     """
     order = order or OrderSpec()
     characteristics = list(part.characteristics())
-    measurements = _list_measurements(characteristics, measured or {})
+    measurements = _make_measurements(characteristics, measured_by_key or {})
     statuses = set()
-    for _, _, verdict in (measured or {}).values():
+    for _, _, verdict in (measured_by_key or {}).values():
         statuses.add(_STATUS_BY_VERDICT[verdict])
     text = render_page(
         "stepblocks.records",
@@ -104,27 +104,27 @@ def write_qif(
         listed=characteristics,
         form=FORM,
         framed=any(planned.kind == "parallelism" for planned in characteristics),
-        kind=_name_qif_kind,
-        scaled=_format_scaled,
-        has_results=measured is not None,
+        kind=_get_qif_kind_name,
+        scaled=_format_size_in_file_unit,
+        has_results=measured_by_key is not None,
         measurements=measurements,
-        name=_name_document(part, measured),
-        whole=_combine_statuses(statuses, is_complete),
+        name=_make_document_id(part, measured_by_key),
+        whole=_determine_overall_status(statuses, is_complete),
     )
     document = etree.fromstring(text, etree.XMLParser(remove_blank_text=True))
     content = etree.tostring(document, xml_declaration=True, encoding="UTF-8", pretty_print=True)
     replace_bytes(path, content)
 
 
-def _list_measurements(
-    characteristics: list[Characteristic], measured: Values
+def _make_measurements(
+    characteristics: list[Characteristic], measured_by_key: Values
 ) -> list[QifMeasurement]:
-    """Return what was measured, in the order of `measured`; keys of no characteristic are left."""
+    """Return measurements in the order of `measured_by_key`; other keys are left out."""
     indices = {}
     for index, characteristic in enumerate(characteristics):
         indices[characteristic.key] = index
     measurements = []
-    for key, (value, std, verdict) in measured.items():
+    for key, (value, std, verdict) in measured_by_key.items():
         if key not in indices:
             continue
         index = indices[key]
@@ -133,16 +133,16 @@ def _list_measurements(
     return measurements
 
 
-def _name_document(part: Part, measured: Values | None) -> uuid.UUID:
+def _make_document_id(part: Part, measured_by_key: Values | None) -> uuid.UUID:
     """Return the identity of a document, which follows from its content alone."""
     kind = "results"
-    if measured is None:
+    if measured_by_key is None:
         kind = "plan"
-    content = repr((part.record(), sorted((measured or {}).items())))
+    content = repr((part.record(), sorted((measured_by_key or {}).items())))
     return uuid.uuid5(_SPACE, f"stepblocks/{part.id}/{kind}/{content}")
 
 
-def _combine_statuses(statuses: Iterable[Status], is_complete: bool) -> Status:
+def _determine_overall_status(statuses: Iterable[Status], is_complete: bool) -> Status:
     """Return the status of the whole part."""
     found = set(statuses)
     if Status.FAIL in found:
@@ -152,13 +152,13 @@ def _combine_statuses(statuses: Iterable[Status], is_complete: bool) -> Status:
     return Status.PASS
 
 
-def _name_qif_kind(characteristic: Characteristic) -> str:
+def _get_qif_kind_name(characteristic: Characteristic) -> str:
     """Name the QIF characteristic that states one of ours.
 
     The radius of a ball is a spherical radius, the angle of two faces an angle between them.
     """
     kind = characteristic.kind
-    if kind == "radius" and _lies_on_sphere(characteristic):
+    if kind == "radius" and _has_sphere_face(characteristic):
         return "SphericalRadius"
     if kind == "note" and characteristic.quantity == "angle":
         return "UserDefinedAngular"
@@ -167,7 +167,7 @@ def _name_qif_kind(characteristic: Characteristic) -> str:
     return _KINDS[kind]
 
 
-def _lies_on_sphere(characteristic: Characteristic) -> bool:
+def _has_sphere_face(characteristic: Characteristic) -> bool:
     """Tell whether a face of a characteristic is a sphere."""
     for rule in characteristic.faces:
         if isinstance(rule, FaceRule) and rule.kind == "SPHERE":
@@ -175,7 +175,7 @@ def _lies_on_sphere(characteristic: Characteristic) -> bool:
     return False
 
 
-def _format_scaled(size: float, characteristic: Characteristic) -> str:
+def _format_size_in_file_unit(size: float, characteristic: Characteristic) -> str:
     """Write a size [m or rad] in the units of the file to a picometre.
 
     It has no exponent, which decimals of XML Schema may not have.

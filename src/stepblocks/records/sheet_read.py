@@ -45,8 +45,8 @@ def read_filled_sheet(path: Path, layout: TableLayout = UNDECLARED) -> list[QifR
         cells = dict(zip(columns, row, strict=True))
         if not cells[_VALUE]:
             continue
-        result = _read_line(cells, table.notation)
-        mistake = _describe_mistake(cells, result)
+        result = _make_result_of_line(cells, table.notation)
+        mistake = _describe_line_mistake(cells, result)
         if mistake:
             mistakes.append(f"{mistake} [{path}]")
         results.append(result)
@@ -57,35 +57,36 @@ def read_filled_sheet(path: Path, layout: TableLayout = UNDECLARED) -> list[QifR
     return results
 
 
-def _read_line(cells: Mapping[str, str], notation: NumberNotation) -> QifResult:
+def _make_result_of_line(cells_by_column: Mapping[str, str], notation: NumberNotation) -> QifResult:
     """Return what a line states, by column; nan where a size is no number or its unit unknown."""
-    factor = _FACTORS.get(cells[_UNIT], math.nan)
-    value = factor * _parse_number(cells[_VALUE], notation)
-    std = factor * _parse_number(cells.get(_STD, ""), notation)
+    factor = _FACTORS.get(cells_by_column[_UNIT], math.nan)
+    value = factor * _parse_cell_number_or_nan(cells_by_column[_VALUE], notation)
+    std = factor * _parse_cell_number_or_nan(cells_by_column.get(_STD, ""), notation)
     return QifResult(
-        name=cells[_CHARACTERISTIC],
-        designator=cells[_NUMBER],
+        name=cells_by_column[_CHARACTERISTIC],
+        designator=cells_by_column[_NUMBER],
         kind="",
         value=value,
         std=std,
         status="",
         nominal=math.nan,
         limits=(math.nan, math.nan),
-        serial=cells.get("serial_number", ""),
+        serial=cells_by_column.get("serial_number", ""),
     )
 
 
-def _describe_mistake(cells: Mapping[str, str], result: QifResult) -> str:
+def _describe_line_mistake(cells_by_column: Mapping[str, str], result: QifResult) -> str:
     """Return what is wrong with a line, by column; empty where nothing is."""
-    place = f"line {cells[_NUMBER]} {cells[_CHARACTERISTIC]}"
+    place = f"line {cells_by_column[_NUMBER]} {cells_by_column[_CHARACTERISTIC]}"
     if not math.isfinite(result.value):
-        return f"{place}: {cells[_VALUE]!r} {cells[_UNIT]!r} must be a number of mm or deg"
-    if cells.get(_STD) and not result.std >= 0.0:
-        return f"{place}: uncertainty {cells[_STD]!r} must be a number, or left blank"
+        value, unit = cells_by_column[_VALUE], cells_by_column[_UNIT]
+        return f"{place}: {value!r} {unit!r} must be a number of mm or deg"
+    if cells_by_column.get(_STD) and not result.std >= 0.0:
+        return f"{place}: uncertainty {cells_by_column[_STD]!r} must be a number, or left blank"
     return ""
 
 
-def _parse_number(cell: str, notation: NumberNotation) -> float:
+def _parse_cell_number_or_nan(cell: str, notation: NumberNotation) -> float:
     """Return the number in a cell; NaN where it holds no number."""
     try:
         return notation.parse(cell)

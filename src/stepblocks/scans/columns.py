@@ -30,14 +30,14 @@ class Columns:
     z: int
     y: int | None = None
 
-    def list_axes(self) -> dict[str, int]:
+    def get_columns_by_axis(self) -> dict[str, int]:
         """Return the indices of the columns by the letters of their axes."""
         if self.y is None:
             return {"x": self.x, "z": self.z}
         return {"x": self.x, "y": self.y, "z": self.z}
 
 
-def choose_columns(table: NumberTable, channel: str | None) -> Columns:
+def choose_position_and_height_columns(table: NumberTable, channel: str | None) -> Columns:
     """Find the columns of a profile or a map.
 
     Parameters
@@ -59,16 +59,16 @@ def choose_columns(table: NumberTable, channel: str | None) -> Columns:
     """
     candidates = []
     for column in range(table.values.shape[1]):
-        name = table.get_name(column)
+        name = table.get_column_name(column)
         if name is None or name.lower() not in _COUNTERS:
             candidates.append(column)
     if len(candidates) > 3 or channel is not None:
-        return _choose_by_names(table, candidates, channel)
-    named = _choose_by_clear_names(table, candidates)
+        return _choose_columns_by_names(table, candidates, channel)
+    named = _choose_columns_by_clear_names(table, candidates)
     if named is not None:
         return named
     if len(candidates) == 3:
-        return _choose_by_extent(table, candidates)
+        return _choose_columns_by_extent(table, candidates)
     if len(candidates) == 2:
         x, z = candidates
         return Columns(x, z)
@@ -77,7 +77,9 @@ def choose_columns(table: NumberTable, channel: str | None) -> Columns:
     )
 
 
-def _choose_by_clear_names(table: NumberTable, candidates: list[int]) -> Columns | None:
+def _choose_columns_by_clear_names(
+    table: NumberTable, candidate_columns: list[int]
+) -> Columns | None:
     """Choose two or three columns by their names; None where these do not tell.
 
     Where x is not among them, y says where a profile runs.
@@ -89,10 +91,10 @@ def _choose_by_clear_names(table: NumberTable, candidates: list[int]) -> Columns
     """
     if not table.names:
         return None
-    names = _list_lower_names(table, candidates)
-    heights = _find_beginning_with(names, _Z_NAMES)
-    along = _find_beginning_with(names, _X_NAMES)
-    across = _find_beginning_with(names, _Y_NAMES)
+    names = _get_lower_names_by_column(table, candidate_columns)
+    heights = _find_columns_beginning_with(names, _Z_NAMES)
+    along = _find_columns_beginning_with(names, _X_NAMES)
+    across = _find_columns_beginning_with(names, _Y_NAMES)
     if len(heights) > 1 and (along or across):
         raise MetrologyError(
             "channel must name the column of heights, one of "
@@ -101,13 +103,13 @@ def _choose_by_clear_names(table: NumberTable, candidates: list[int]) -> Columns
     if len(heights) != 1 or len(along) > 1 or len(across) > 1:
         return None
     if along and across:
-        return _drop_constant_position(table, Columns(along[0], heights[0], across[0]))
+        return _drop_constant_position_column(table, Columns(along[0], heights[0], across[0]))
     if along or across:
         return Columns((along or across)[0], heights[0])
     return None
 
 
-def _drop_constant_position(table: NumberTable, columns: Columns) -> Columns:
+def _drop_constant_position_column(table: NumberTable, columns: Columns) -> Columns:
     """Turn a map into a profile where one of its positions is constant."""
     if columns.y is None:
         return columns
@@ -121,18 +123,20 @@ def _drop_constant_position(table: NumberTable, columns: Columns) -> Columns:
     return columns
 
 
-def _list_lower_names(table: NumberTable, columns: list[int]) -> dict[int, str]:
+def _get_lower_names_by_column(table: NumberTable, columns: list[int]) -> dict[int, str]:
     """Return the names of columns in lower case, by the places of the columns."""
     return {column: table.names[column].lower() for column in columns}
 
 
-def _choose_by_names(table: NumberTable, candidates: list[int], channel: str | None) -> Columns:
+def _choose_columns_by_names(
+    table: NumberTable, candidate_columns: list[int], channel: str | None
+) -> Columns:
     """Choose columns by what instruments call them, heights by the channel where one is named."""
     names = {}
     if table.names:
-        names = _list_lower_names(table, candidates)
+        names = _get_lower_names_by_column(table, candidate_columns)
     if channel is None:
-        heights = _find_beginning_with(names, _Z_NAMES)
+        heights = _find_columns_beginning_with(names, _Z_NAMES)
     else:
         heights = _find_channel_columns(names, channel.lower())
     if len(heights) != 1:
@@ -140,8 +144,8 @@ def _choose_by_names(table: NumberTable, candidates: list[int], channel: str | N
             "channel must be a part of the name of one column, that of the heights, got "
             f"{channel or 'none'} for {', '.join(table.names) or 'no names'} [{table.source}]"
         )
-    along = _find_beginning_with(names, _X_NAMES)
-    across = _find_beginning_with(names, _Y_NAMES)
+    along = _find_columns_beginning_with(names, _X_NAMES)
+    across = _find_columns_beginning_with(names, _Y_NAMES)
     if len(along) != 1 or len(across) > 1:
         raise MetrologyError(
             "table of more than 3 columns must name one x, and one y if it is a map, got "
@@ -150,32 +154,34 @@ def _choose_by_names(table: NumberTable, candidates: list[int], channel: str | N
     return Columns(along[0], heights[0], across[0] if across else None)
 
 
-def _find_beginning_with(names: dict[int, str], beginnings: tuple[str, ...]) -> list[int]:
+def _find_columns_beginning_with(
+    names_by_column: dict[int, str], beginnings: tuple[str, ...]
+) -> list[int]:
     """Find the columns whose names begin with one of some beginnings."""
-    return [column for column, name in names.items() if name.startswith(beginnings)]
+    return [column for column, name in names_by_column.items() if name.startswith(beginnings)]
 
 
-def _find_channel_columns(names: dict[int, str], channel: str) -> list[int]:
+def _find_channel_columns(names_by_column: dict[int, str], channel: str) -> list[int]:
     """Find the column of that name, or else all whose names contain it, all in lower case."""
-    exact = [column for column, name in names.items() if name == channel]
+    exact = [column for column, name in names_by_column.items() if name == channel]
     if exact:
         return exact
-    return [column for column, name in names.items() if channel in name]
+    return [column for column, name in names_by_column.items() if channel in name]
 
 
-def _choose_by_extent(table: NumberTable, candidates: list[int]) -> Columns:
+def _choose_columns_by_extent(table: NumberTable, candidate_columns: list[int]) -> Columns:
     """Take three columns for a map, unless one is constant: they are then a profile.
 
     A column is constant where its extent is far below that of the others; it says where the
     profile was taken. One of the others must then hold positions, each once.
     """
-    values = table.values[:, candidates]
+    values = table.values[:, candidate_columns]
     # fmax and fmin: a column may miss points, and is not a number where all are missing
     extent = np.fmax.reduce(values) - np.fmin.reduce(values)
     first_constant, second_constant, third_constant = extent < _CONSTANT * np.sort(extent)[1]
-    first_holds_positions = _holds_positions(table, candidates[0])
-    second_holds_positions = _holds_positions(table, candidates[1])
-    first, second, third = candidates
+    first_holds_positions = _holds_positions(table, candidate_columns[0])
+    second_holds_positions = _holds_positions(table, candidate_columns[1])
+    first, second, third = candidate_columns
     if third_constant and first_holds_positions and second_holds_positions:
         return Columns(first, second)
     if second_constant and first_holds_positions:
@@ -192,7 +198,7 @@ def _holds_positions(table: NumberTable, column: int) -> bool:
 
 
 def find_column_unit(
-    table: NumberTable, column: int, axis: str, units: dict[str, StoredLength]
+    table: NumberTable, column: int, axis: str, stated_units: dict[str, StoredLength]
 ) -> StoredLength:
     """Find the unit of a column: its name says it, or else the user or the head of the table.
 
@@ -204,7 +210,7 @@ def find_column_unit(
         Index of the column.
     axis : {"x", "y", "z"}
         What it holds.
-    units : dict of str to StoredLength
+    stated_units : dict of str to StoredLength
         What the user states, by axis.
 
     Raises
@@ -212,8 +218,8 @@ def find_column_unit(
     MetrologyError
         If nobody says it, or the user contradicts the name of the column.
     """
-    name = table.get_name(column)
-    stated = units.get(axis)
+    name = table.get_column_name(column)
+    stated = stated_units.get(axis)
     found = None if name is None else _UNIT_IN_NAME.search(name.lower())
     if found is not None:
         of_name = StoredLength(1.0, UNITS_PER_METRE[found[1]])

@@ -65,14 +65,14 @@ class HeightScale:
     integral: bool = True
 
 
-def read_height_scale(path: Path, form: str, channel: str) -> HeightScale | None:
+def read_height_scale(path: Path, format_name: str, channel: str) -> HeightScale | None:
     """Read the height scale of a channel from the file itself.
 
     Parameters
     ----------
     path : Path
         File of an instrument.
-    form : str
+    format_name : str
         Its format, as a reader of scans names it.
     channel : str
         Name of the channel; empty for the first.
@@ -87,10 +87,10 @@ def read_height_scale(path: Path, form: str, channel: str) -> HeightScale | None
     MetrologyError
         If the file must state a scale and does not, or states one that is not positive.
     """
-    if form in _ARCHIVES:
-        scale = _read_archive_scale(path, _ARCHIVES[form])
-    elif form in _HEADERS:
-        scale = _read_header_scale(path, _HEADERS[form], channel)
+    if format_name in _ARCHIVES:
+        scale = _read_archive_scale(path, _ARCHIVES[format_name])
+    elif format_name in _HEADERS:
+        scale = _read_header_scale(path, _HEADERS[format_name], channel)
     else:
         return None
     if scale is None:
@@ -103,47 +103,50 @@ def read_height_scale(path: Path, form: str, channel: str) -> HeightScale | None
 
 
 def _read_archive_scale(
-    path: Path, read: Callable[[zipfile.ZipFile], HeightScale]
+    path: Path, read_scale: Callable[[zipfile.ZipFile], HeightScale]
 ) -> HeightScale | None:
     """Read the height scale from an archive by a reader; damage is an error of ours."""
     try:
         with zipfile.ZipFile(path) as archive:
-            return read(archive)
+            return read_scale(archive)
     except _DAMAGED as error:
-        raise _make_damage_error("index", error, path) from error
+        raise _make_missing_scale_error("index", error, path) from error
 
 
 def _read_header_scale(
-    path: Path, read: Callable[[bytes, str], HeightScale | None], channel: str
+    path: Path, read_scale: Callable[[bytes, str], HeightScale | None], channel: str
 ) -> HeightScale | None:
     """Read the height scale from the header of a file; damage is an error of ours."""
     try:
         with path.open("rb") as file:
-            return read(file.read(_HEADER_BYTES), channel)
+            return read_scale(file.read(_HEADER_BYTES), channel)
     except _DAMAGED as error:
-        raise _make_damage_error("header", error, path) from error
+        raise _make_missing_scale_error("header", error, path) from error
 
 
-def _make_damage_error(part: str, error: Exception, path: Path) -> MetrologyError:
+def _make_missing_scale_error(part_name: str, cause: Exception, path: Path) -> MetrologyError:
     """Make the error of a part of a file that does not state its height scale."""
-    reason = getattr(error, "strerror", None) or error
-    return MetrologyError(f"{part} must state the height scale, got {reason} [{path.name}]")
+    reason = getattr(cause, "strerror", None) or cause
+    return MetrologyError(f"{part_name} must state the height scale, got {reason} [{path.name}]")
 
 
-def check_against_stated_scale(
-    height: NDArray[np.float64], scale: HeightScale, place: str, used: float | None = None
+def check_heights_against_scale(
+    heights: NDArray[np.float64],
+    stated_scale: HeightScale,
+    place: str,
+    used_count_height: float | None = None,
 ) -> str:
     """Compare heights with the scale that their file states.
 
     Parameters
     ----------
-    height : array
+    heights : array
         Heights as a reader gives them, nan where nothing was measured [m].
-    scale : HeightScale
+    stated_scale : HeightScale
         What the file states.
     place : str
         Name of the file, for messages.
-    used : float, optional
+    used_count_height : float, optional
         Height of one count, or of the stored number 1, by which the reader multiplied [m].
 
     Returns
@@ -156,50 +159,57 @@ def check_against_stated_scale(
     MetrologyError
         If the reader used another scale, or the heights cannot come from this one.
     """
-    _check_used_scale(scale, place, used)
-    measured = height[np.isfinite(height)]
-    _check_range(measured, scale, place)
-    if not scale.integral:
-        return f"{scale.field}: {scale.count:.6g} m, checked"
-    counts = (measured[:_CHECKED_HEIGHTS] - measured[0]) / scale.count
+    _check_used_scale(stated_scale, place, used_count_height)
+    measured = heights[np.isfinite(heights)]
+    _check_height_range(measured, stated_scale, place)
+    if not stated_scale.integral:
+        return f"{stated_scale.field}: {stated_scale.count:.6g} m, checked"
+    counts = (measured[:_CHECKED_HEIGHTS] - measured[0]) / stated_scale.count
     off = np.max(np.abs(counts - np.rint(counts)))
     # float32 counts above 2^24 and offsets cost digits; a wrong factor misses by far more
     allowed = _WHOLE_COUNT + _FLOAT32_COUNT * float(np.max(np.abs(counts)))
     if not off <= allowed:
         raise MetrologyError(
-            f"heights must be multiples of {scale.count:g} m ({scale.field}) [{place}]"
+            f"heights must be multiples of {stated_scale.count:g} m ({stated_scale.field}) "
+            f"[{place}]"
         )
-    return f"{scale.field}: {scale.count:.6g} m per count, checked"
+    return f"{stated_scale.field}: {stated_scale.count:.6g} m per count, checked"
 
 
-def _check_used_scale(scale: HeightScale, place: str, used: float | None) -> None:
+def _check_used_scale(
+    stated_scale: HeightScale, place: str, used_count_height: float | None
+) -> None:
     """Refuse a reader that used another scale [m] than its file states."""
-    if used is None:
-        if scale.integral:
+    if used_count_height is None:
+        if stated_scale.integral:
             return
         raise MetrologyError(
-            f"reader must state its scale for {scale.field}, got nothing [{place}]"
+            f"reader must state its scale for {stated_scale.field}, got nothing [{place}]"
         )
-    if abs(abs(used) / scale.count - 1.0) > _SAME_SCALE:
+    if abs(abs(used_count_height) / stated_scale.count - 1.0) > _SAME_SCALE:
         raise MetrologyError(
-            f"reader must use {scale.count:g} m per count ({scale.field}), got {used:g} m [{place}]"
+            f"reader must use {stated_scale.count:g} m per count ({stated_scale.field}), got "
+            f"{used_count_height:g} m [{place}]"
         )
 
 
-def _check_range(measured: NDArray[np.float64], scale: HeightScale, place: str) -> None:
+def _check_height_range(
+    measured_heights: NDArray[np.float64], stated_scale: HeightScale, place: str
+) -> None:
     """Refuse heights [m] outside of the range that the file can hold."""
-    if not measured.size:
+    if not measured_heights.size:
         return
-    if scale.integral:
-        slack = _SLACK_COUNTS * scale.count
+    if stated_scale.integral:
+        slack = _SLACK_COUNTS * stated_scale.count
     else:
-        ends = [abs(end) for end in (scale.lowest, scale.highest) if np.isfinite(end)]
+        ends = [abs(end) for end in (stated_scale.lowest, stated_scale.highest) if np.isfinite(end)]
         slack = _SAME_SCALE * max(ends, default=0.0)
-    lowest = measured.min()
-    highest = measured.max()
-    if lowest < scale.lowest - slack or highest > scale.highest + slack:
+    lowest = measured_heights.min()
+    highest = measured_heights.max()
+    if lowest < stated_scale.lowest - slack or highest > stated_scale.highest + slack:
         raise MetrologyError(
-            f"heights must lie within {scale.lowest:g} to {scale.highest:g} m ({scale.field}), "
+            f"heights must lie within {stated_scale.lowest:g} to {stated_scale.highest:g} m "
+            f"({stated_scale.field}), "
             f"got {lowest:g} to {highest:g} m [{place}]"
         )
 
@@ -210,10 +220,10 @@ def _read_nid_scale(head: bytes, channel: str) -> HeightScale:
     A section states Frame, Dim2Name, Dim2Unit, Dim2Range, Dim2Min and SaveBits.
     """
     for section in head.decode("latin-1").split("\r\n["):
-        fields = _parse_fields(section)
+        fields = _parse_equals_lines(section)
         if "Dim2Range" not in fields:
             continue
-        if channel and _name_nid_channel(fields) != channel:
+        if channel and _format_nid_channel_name(fields) != channel:
             continue
         unit = fields["Dim2Unit"].strip()
         if unit not in UNITS_PER_METRE:
@@ -227,12 +237,12 @@ def _read_nid_scale(head: bytes, channel: str) -> HeightScale:
     raise ValueError("no channel in units of length")
 
 
-def _name_nid_channel(fields: dict[str, str]) -> str:
+def _format_nid_channel_name(fields: dict[str, str]) -> str:
     """Return the name of a channel of Nanosurf, such as ``Scan forward (Z-Axis)``."""
     return f"{fields.get('Frame', '').strip()} ({fields.get('Dim2Name', '').strip()})"
 
 
-def _parse_fields(text: str) -> dict[str, str]:
+def _parse_equals_lines(text: str) -> dict[str, str]:
     """Read lines of the form ``name=value``."""
     fields = {}
     for line in text.splitlines():
@@ -251,18 +261,18 @@ def _read_sur_scale(head: bytes, channel: str) -> HeightScale | None:
         return None
     lowest, highest = struct.unpack_from("<ii", head, 100)
     (spacing,) = struct.unpack_from("<f", head, 128)
-    unit = _decode_unit(head[212:228].split(b"\0")[0])
+    unit = _decode_unit_name(head[212:228].split(b"\0")[0])
     count = float(spacing) / UNITS_PER_METRE[unit]
     reach = (max(abs(lowest), abs(highest)) + _SLACK_COUNTS) * count
     return HeightScale(count, -reach, reach, "Z spacing of the header")
 
 
-def _decode_unit(name: bytes) -> str:
+def _decode_unit_name(encoded_name: bytes) -> str:
     """Decode the name of a unit, with a micro sign in UTF-8, Latin-1 or code page 850."""
     try:
-        return name.decode("utf-8").strip()
+        return encoded_name.decode("utf-8").strip()
     except UnicodeDecodeError:
-        return name.decode("latin-1").strip().replace("æ", "µ")
+        return encoded_name.decode("latin-1").strip().replace("æ", "µ")
 
 
 def _read_sdf_scale(head: bytes, channel: str) -> HeightScale | None:
@@ -275,7 +285,7 @@ def _read_sdf_scale(head: bytes, channel: str) -> HeightScale | None:
         data_type = head[79]
     elif head[:8] == b"aISO-1.0":
         text = head.split(b"*", 1)[0].decode("latin-1")
-        fields = {name.strip(): value.strip() for name, value in _parse_fields(text).items()}
+        fields = {name.strip(): value.strip() for name, value in _parse_equals_lines(text).items()}
         count = float(fields["Zscale"])
         data_type = int(fields["DataType"])
     else:
@@ -326,7 +336,7 @@ def _read_x3p_scale(archive: zipfile.ZipFile) -> HeightScale:
     grid = index.find("Record3/MatrixDimension")
     # without a link, the points stand in the index as text
     if link is not None and link.text and grid is not None:
-        stored = _find_stored_range(archive, link.text.strip(), number_type)
+        stored = _compute_stored_range(archive, link.text.strip(), number_type)
         lowest, highest = sorted(increment * end for end in stored)
         # readers keep or drop the offset of the axis, which a step height does not see
         lowest += min(offset, 0.0)
@@ -345,7 +355,7 @@ def _read_plux_scale(archive: zipfile.ZipFile) -> HeightScale:
     size = archive.getinfo(name).file_size
     if size != 4 * points:
         raise ValueError(f"{size} bytes in {name} for {points} points")
-    lowest, highest = _find_stored_range(archive, name, "<f4")
+    lowest, highest = _compute_stored_range(archive, name, "<f4")
     return HeightScale(
         _MICROMETRE,
         lowest * _MICROMETRE,
@@ -355,32 +365,32 @@ def _read_plux_scale(archive: zipfile.ZipFile) -> HeightScale:
     )
 
 
-def _parse_xml_member(archive: zipfile.ZipFile, name: str) -> ElementTree.Element:
+def _parse_xml_member(archive: zipfile.ZipFile, member_name: str) -> ElementTree.Element:
     """Parse an XML file of an archive; refuse a large one and one with a document type."""
-    if archive.getinfo(name).file_size > _MOST_INDEX_BYTES:
-        raise ValueError(f"{name} of more than {_MOST_INDEX_BYTES >> 20} MiB")
-    text = archive.read(name)
+    if archive.getinfo(member_name).file_size > _MOST_INDEX_BYTES:
+        raise ValueError(f"{member_name} of more than {_MOST_INDEX_BYTES >> 20} MiB")
+    text = archive.read(member_name)
     # entities may grow without bound
     if b"<!" in text.replace(b"<!--", b"").replace(b"<![CDATA[", b""):
-        raise ValueError(f"a document type in {name}")
+        raise ValueError(f"a document type in {member_name}")
     return ElementTree.fromstring(text)
 
 
-def _get_required_text(index: ElementTree.Element, path: str) -> str:
+def _get_required_text(index_root: ElementTree.Element, element_path: str) -> str:
     """Return the text of an element; refuse an index without it."""
-    text = index.findtext(path)
+    text = index_root.findtext(element_path)
     if text is None:
-        raise ValueError(f"no {path}")
+        raise ValueError(f"no {element_path}")
     return text.strip()
 
 
-def _find_stored_range(
-    archive: zipfile.ZipFile, name: str, number_type: str
+def _compute_stored_range(
+    archive: zipfile.ZipFile, member_name: str, number_type: str
 ) -> tuple[float, float]:
     """Return the least and the greatest stored number of an archive member, read in chunks."""
     lowest = np.inf
     highest = -np.inf
-    with archive.open(name) as file:
+    with archive.open(member_name) as file:
         while chunk := file.read(_CHUNK_BYTES):
             values = np.frombuffer(chunk, dtype=number_type)
             finite = values[np.isfinite(values)]
@@ -388,7 +398,7 @@ def _find_stored_range(
                 lowest = min(lowest, float(finite.min()))
                 highest = max(highest, float(finite.max()))
     if lowest > highest:
-        raise ValueError(f"no number in {name}")
+        raise ValueError(f"no number in {member_name}")
     return lowest, highest
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from stepblocks.errors import MetrologyError
 from stepblocks.files.stl import read_stl
 from stepblocks.files.wavefront import read_obj
-from stepblocks.scans.pcd import read_pcd
+from stepblocks.scans.pcd import read_pcd_points
 from stepblocks.scans.scan import Array, HeightMap
 from stepblocks.scans.units import StoredLength
 
@@ -33,7 +33,7 @@ _SMALLEST_STEP = 1e-15  # keeps the scatter of steps finite [m]
 _PIXEL_TYPES = {"uint16": "u2", "float32": "f4"}
 
 
-def grid_points(x: Array, y: Array, z: Array, source: str, scale: str) -> HeightMap:
+def make_map_from_points(x: Array, y: Array, z: Array, source: str, scale: str) -> HeightMap:
     """Put points on the grid that they lie on.
 
     Where they lie on none, it is the nearest grid that holds each point within half a step.
@@ -63,10 +63,10 @@ def grid_points(x: Array, y: Array, z: Array, source: str, scale: str) -> Height
     x, y, z = x[placed], y[placed], z[placed]
     if len(x) < _LEAST_POINTS:
         raise MetrologyError(f"points must lie on a grid, got {len(x)} points [{source}]")
-    along_x, along_y = _find_axes(x, y)
-    _check_grid(len(x), len(along_x), len(along_y), source)
-    dx = _compute_step(along_x)
-    dy = _compute_step(along_y)
+    along_x, along_y = _find_grid_axes(x, y)
+    _refuse_unfit_grid(len(x), len(along_x), len(along_y), source)
+    dx = _compute_mean_step(along_x)
+    dy = _compute_mean_step(along_y)
     column = np.rint((x - along_x[0]) / dx).astype(int)
     row = np.rint((y - along_y[0]) / dy).astype(int)
     shape = (len(along_y), len(along_x))
@@ -82,50 +82,55 @@ def grid_points(x: Array, y: Array, z: Array, source: str, scale: str) -> Height
     return HeightMap(height, dx, dy, source=source, scale=scale)
 
 
-def _check_grid(points: int, columns: int, rows: int, source: str) -> None:
+def _refuse_unfit_grid(point_count: int, column_count: int, row_count: int, source: str) -> None:
     """Refuse a grid that is a line, has too many cells, or leaves too many of them empty."""
-    shortest = min(columns, rows)
+    shortest = min(column_count, row_count)
     is_line = shortest < 2
-    is_too_large = max(columns, rows) > _MOST_CELLS / shortest
-    is_empty = (1.0 - _MOST_EMPTY) * columns * rows > points
+    is_too_large = max(column_count, row_count) > _MOST_CELLS / shortest
+    is_empty = (1.0 - _MOST_EMPTY) * column_count * row_count > point_count
     if is_line or is_too_large or is_empty:
         raise MetrologyError(
-            f"points must lie on a grid, got {points} points on {columns} columns and "
-            f"{rows} rows [{source}]"
+            f"points must lie on a grid, got {point_count} points on {column_count} columns and "
+            f"{row_count} rows [{source}]"
         )
 
 
-def _compute_step(axis: Array) -> float:
+def _compute_mean_step(ascending_positions: Array) -> float:
     """Return the mean step of ascending positions [m]."""
-    return float((axis[-1] - axis[0]) / (len(axis) - 1))
+    return float(
+        (ascending_positions[-1] - ascending_positions[0]) / (len(ascending_positions) - 1)
+    )
 
 
 def _average_in_cells(
-    shape: tuple[int, int], row: NDArray[np.int64], column: NDArray[np.int64], z: Array
+    grid_shape: tuple[int, int],
+    row_indices: NDArray[np.int64],
+    column_indices: NDArray[np.int64],
+    z: Array,
 ) -> Array:
     """Average the heights of the points of each cell, nan where there are none."""
-    height = np.zeros(shape)
-    count = np.zeros(shape)
+    height = np.zeros(grid_shape)
+    count = np.zeros(grid_shape)
     measured = np.isfinite(z)
-    cells = (row[measured], column[measured])
+    cells = (row_indices[measured], column_indices[measured])
     np.add.at(height, cells, z[measured])
     np.add.at(count, cells, 1.0)
     return np.where(count > 0.0, height / np.maximum(count, 1.0), np.nan)
 
 
-def _find_axes(x: Array, y: Array) -> tuple[Array, Array]:
+def _find_grid_axes(x: Array, y: Array) -> tuple[Array, Array]:
     """Find the columns and the rows of the grid on which points lie.
 
     They are exact where positions repeat; otherwise as many equal steps as the points need.
     """
-    exact_x = _find_exact_axis(x)
-    exact_y = _find_exact_axis(y)
+    exact_x = _find_exact_axis_positions(x)
+    exact_y = _find_exact_axis_positions(y)
     if exact_x is not None and exact_y is not None:
         return exact_x, exact_y
     columns = 0 if exact_x is None else len(exact_x)
     rows = 0 if exact_y is None else len(exact_y)
     if exact_x is None and exact_y is None:
-        columns, rows = _count_fast_axis(x, y)
+        columns, rows = _count_columns_or_rows(x, y)
     longest = max(columns, rows)
     quotient = max(round(len(x) / longest), 1)
     along_x = exact_x
@@ -137,14 +142,14 @@ def _find_axes(x: Array, y: Array) -> tuple[Array, Array]:
     return along_x, along_y
 
 
-def _count_fast_axis(x: Array, y: Array) -> tuple[int, int]:
+def _count_columns_or_rows(x: Array, y: Array) -> tuple[int, int]:
     """Count the columns, or the rows, of points that come line by line.
 
     Along a line they step evenly. Where they do so in neither direction, the cells are square.
     The result is columns and rows, 0 for the direction that is still open.
     """
-    scatter_x, step_x = _measure_scatter_of_steps(x)
-    scatter_y, step_y = _measure_scatter_of_steps(y)
+    scatter_x, step_x = _compute_step_scatter_and_median(x)
+    scatter_y, step_y = _compute_step_scatter_and_median(y)
     extent_x = float(np.ptp(x))
     extent_y = float(np.ptp(y))
     x_is_fast = scatter_x <= scatter_y
@@ -162,7 +167,7 @@ def _count_fast_axis(x: Array, y: Array) -> tuple[int, int]:
     return 0, round(extent_y / step) + 1
 
 
-def _measure_scatter_of_steps(positions: Array) -> tuple[float, float]:
+def _compute_step_scatter_and_median(positions: Array) -> tuple[float, float]:
     """Measure the scatter of the steps between neighbours [1] and the median step [m]."""
     steps = np.abs(np.diff(positions))
     median = np.median(steps)
@@ -170,7 +175,7 @@ def _measure_scatter_of_steps(positions: Array) -> tuple[float, float]:
     return float(scatter), float(median)
 
 
-def _find_exact_axis(positions: Array) -> Array | None:
+def _find_exact_axis_positions(positions: Array) -> Array | None:
     """Find positions that repeat in equal steps, those that are missing everywhere put in.
 
     The result is None where there are none.
@@ -193,14 +198,14 @@ def _find_exact_axis(positions: Array) -> Array | None:
     return np.linspace(values[0], values[-1], int(whole_steps.sum()) + 1)
 
 
-def read_points(path: Path, units: Mapping[str, StoredLength]) -> HeightMap:
+def read_points_as_map(path: Path, units_by_axis: Mapping[str, StoredLength]) -> HeightMap:
     """Read points whose numbers have no unit of their own.
 
     Parameters
     ----------
     path : Path
         A PLY, STL, OBJ, PCD or JSON file.
-    units : mapping of str to StoredLength
+    units_by_axis : mapping of str to StoredLength
         Length of a stored 1 for each axis.
 
     Raises
@@ -208,19 +213,19 @@ def read_points(path: Path, units: Mapping[str, StoredLength]) -> HeightMap:
     MetrologyError
         If a unit is missing, or the points lie on no grid.
     """
-    if not {"x", "y", "z"} <= set(units):
+    if not {"x", "y", "z"} <= set(units_by_axis):
         raise MetrologyError(
             f"a unit must be given for a {path.suffix} file, which states none, as mm or "
             f"x=mm,y=mm,z=um [{path.name}]"
         )
-    metres = np.array([units[axis].metres for axis in "xyz"])
+    metres = np.array([units_by_axis[axis].metres for axis in "xyz"])
     if path.suffix.lower() == ".json":
-        return _read_json_image(path, metres)
+        return _read_json_height_image(path, metres)
     points = _read_vertices(path)
     if points.ndim != 2 or points.shape[1] != 3:
         raise MetrologyError(f"points must be rows of x, y, z, got shape {points.shape}")
     x, y, z = (np.unique(points, axis=0) * metres).T
-    return grid_points(x, y, z, path.name, "unit as given")
+    return make_map_from_points(x, y, z, path.name, "unit as given")
 
 
 def _read_vertices(path: Path) -> Array:
@@ -231,7 +236,7 @@ def _read_vertices(path: Path) -> Array:
     if ending == ".obj":
         return read_obj(path).vertices
     if ending == ".pcd":
-        return read_pcd(path)
+        return read_pcd_points(path)
     import meshio
 
     return np.asarray(meshio.read(path, file_format="ply").points, dtype=np.float64)
@@ -261,10 +266,10 @@ class _HeightImage:
         return counts * self.size["z"] + self.height_of_zero
 
 
-def _read_json_image(path: Path, metres: Array) -> HeightMap:
-    """Read the first height image of a JSON file; `metres` are those of a stored 1, shape (3,)."""
-    image = _find_height_image(json.loads(path.read_text(encoding="utf-8")))
-    x, y, z = metres
+def _read_json_height_image(path: Path, metres_per_stored_1: Array) -> HeightMap:
+    """Read the first height image of a JSON file; `metres_per_stored_1` has the shape (3,)."""
+    image = _find_first_height_image(json.loads(path.read_text(encoding="utf-8")))
+    x, y, z = metres_per_stored_1
     return HeightMap(
         image.decode_heights() * z,
         image.size["x"] * x,
@@ -274,9 +279,9 @@ def _read_json_image(path: Path, metres: Array) -> HeightMap:
     )
 
 
-def _find_height_image(stored: Any) -> _HeightImage:
+def _find_first_height_image(json_value: Any) -> _HeightImage:
     """Find the first height image in an object, or in lists of objects."""
-    for entry in np.ravel(np.array(stored, dtype=object)):
+    for entry in np.ravel(np.array(json_value, dtype=object)):
         if entry.get("class") != "Image":
             continue
         image = entry["data"]

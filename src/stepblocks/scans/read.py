@@ -14,9 +14,9 @@ from stepblocks.files.confined import read_confined
 from stepblocks.files.layout import UNDECLARED, TableLayout, refuse_layout
 from stepblocks.files.text import is_file
 from stepblocks.scans.formats import READERS
-from stepblocks.scans.formats.reader import LoadedScan, ReadOptions, ScanReader, check_archive
-from stepblocks.scans.height_scale import check_against_stated_scale
-from stepblocks.scans.memory import ScanInMemory, convert_scan
+from stepblocks.scans.formats.reader import LoadedScan, ReadOptions, ScanReader, check_unpacked_size
+from stepblocks.scans.height_scale import check_heights_against_scale
+from stepblocks.scans.memory import ScanInMemory, convert_scan_in_memory
 from stepblocks.scans.scan import HeightMap, ScannedProfile
 
 Scan: TypeAlias = "str | Path | ScanInMemory"  # what is scanned
@@ -57,7 +57,7 @@ def load_scan(
     if isinstance(scan, str | Path):
         return read_scan(scan, unit, channel, layout)
     refuse_layout(layout, "a scan in memory", MetrologyError)
-    return convert_scan(scan, unit, channel)
+    return convert_scan_in_memory(scan, unit, channel)
 
 
 def read_scan(
@@ -125,19 +125,19 @@ def _read_in_worker(path: Path, unit: str | None, channel: str | None) -> Loaded
 def read_scan_in_worker(path: Path, unit: str = "", channel: str = "") -> dict[str, object]:
     """Read a scan in the confined process; return the fields of the scan by name."""
     if zipfile.is_zipfile(path):
-        check_archive(path)
+        check_unpacked_size(path)
     found = find_reader(path).read(path, ReadOptions(unit or None, channel or None))
     return {**vars(found.scan), "channel": found.channel}
 
 
 def _check_and_note_scale(
-    found: LoadedScan, reader: ScanReader, path: Path
+    loaded: LoadedScan, reader: ScanReader, path: Path
 ) -> ScannedProfile | HeightMap:
     """Compare heights with the scale that the file states, and note what was checked."""
-    scan = found.scan
-    stated = reader.read_height_scale(path, found.channel)
+    scan = loaded.scan
+    stated = reader.read_height_scale(path, loaded.channel)
     if stated is not None:
-        checked = check_against_stated_scale(scan.height, stated, path.name, scan.count)
+        checked = check_heights_against_scale(scan.height, stated, path.name, scan.count)
         # a stored floating number has no steps, so its unit is no resolution
         count = scan.count if stated.integral else None
         return replace(scan, scale=f"{scan.scale}; {checked}", count=count)
@@ -175,7 +175,7 @@ def list_channels(path: str | Path) -> list[str]:
 def list_channels_in_worker(path: Path) -> dict[str, object]:
     """List the channels of a file in the confined process."""
     if zipfile.is_zipfile(path):
-        check_archive(path)
+        check_unpacked_size(path)
     return {"channels": find_reader(path).list_channels(path)}
 
 

@@ -17,7 +17,7 @@ _LEAST_ROWS = 2
 _FARTHEST = 10.0  # a surface that reaches farther was read in a wrong unit, or is damaged [m]
 
 
-def _read_lengths(name: str, values: object, place: str) -> Array:
+def _read_lengths_in_metres(name: str, values: object, place: str) -> Array:
     """Read lengths [m] in any form that `read_array` takes, nan where one is masked or missing."""
     if type(values) is np.ndarray and values.dtype == np.float64:
         return values
@@ -55,9 +55,9 @@ class ScannedProfile:
     offset: float = 0.0
 
     def __post_init__(self) -> None:
-        place = _format_place(self.source)
+        place = _format_source_suffix(self.source)
         for name in ("position", "height"):
-            lengths = _read_lengths(name, getattr(self, name), place)
+            lengths = _read_lengths_in_metres(name, getattr(self, name), place)
             object.__setattr__(self, name, lengths)
         if self.position.ndim != 1 or self.position.shape != self.height.shape:
             raise MetrologyError(
@@ -80,7 +80,7 @@ class ScannedProfile:
     def __repr__(self) -> str:
         length = float(np.ptp(self.position)) * 1e3
         size = f"{len(self.position)} points over {length:.4g} mm"
-        return f"ScannedProfile({size}{_end_repr(self)})"
+        return f"ScannedProfile({size}{_format_repr_ending(self)})"
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw heights over positions in micrometres, into `ax` or new axes, and return these."""
@@ -121,10 +121,10 @@ class HeightMap:
     count: float | None = None
 
     def __post_init__(self) -> None:
-        place = _format_place(self.source)
-        object.__setattr__(self, "height", _read_lengths("height", self.height, place))
+        place = _format_source_suffix(self.source)
+        object.__setattr__(self, "height", _read_lengths_in_metres("height", self.height, place))
         for name in ("dx", "dy"):
-            step = _read_lengths(name, getattr(self, name), place)
+            step = _read_lengths_in_metres(name, getattr(self, name), place)
             if step.ndim != 0:
                 raise MetrologyError(f"{name} must be one length, got shape {step.shape}{place}")
             object.__setattr__(self, name, float(step))
@@ -147,7 +147,7 @@ class HeightMap:
     def __repr__(self) -> str:
         rows, columns = self.height.shape
         size = f"{columns} x {rows} points of {self.dx * 1e6:.4g} x {self.dy * 1e6:.4g} um"
-        return f"HeightMap({size}{_end_repr(self)})"
+        return f"HeightMap({size}{_format_repr_ending(self)})"
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw heights in micrometres as an image, into `ax` or new axes, and return these."""
@@ -169,7 +169,7 @@ class HeightMap:
         return np.arange(self.height.shape[0], dtype=np.float64) * self.dy
 
 
-def _format_place(source: str) -> str:
+def _format_source_suffix(source: str) -> str:
     """Return the source in brackets for an error; empty without a source."""
     if not source:
         return ""
@@ -183,7 +183,7 @@ def _refuse_impossible_lengths(name: str, values: Array, place: str) -> None:
         raise MetrologyError(f"{name} must lie within {_FARTHEST:g} m, got {farthest:g} m{place}")
 
 
-def _end_repr(scan: ScannedProfile | HeightMap) -> str:
+def _format_repr_ending(scan: ScannedProfile | HeightMap) -> str:
     """Write how a repr ends: a comma, the range of heights, and the source if there is one."""
     lowest = float(np.nanmin(scan.height)) * 1e6
     highest = float(np.nanmax(scan.height)) * 1e6
@@ -223,15 +223,15 @@ def crop_map(scan: ScannedProfile | HeightMap, area: Sequence[float]) -> HeightM
     return replace(scan, height=scan.height[np.ix_(rows, columns)])
 
 
-def _make_area_error(area: Sequence[float], kind: str) -> MetrologyError:
+def _make_area_error(area: Sequence[float], scan_kind: str) -> MetrologyError:
     """Make the error of an area that does not fit a scan of a kind."""
     return MetrologyError(
         "area must be four lengths on a map, from and to along x, from and to along y, got "
-        f"{len(area)} on a {kind}"
+        f"{len(area)} on a {scan_kind}"
     )
 
 
-def list_profiles(scan: ScannedProfile | HeightMap) -> list[ScannedProfile]:
+def split_into_profiles(scan: ScannedProfile | HeightMap) -> list[ScannedProfile]:
     """List the profiles of a scan along x: one of a profile, one per row of a map.
 
     Rows without a measured point are left out.

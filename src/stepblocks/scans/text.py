@@ -17,10 +17,15 @@ from stepblocks.files.decode import decode_text
 from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.files.missing import FillFound, blank_fill_values
 from stepblocks.files.tables import Table
-from stepblocks.scans.columns import Columns, choose_columns, find_column_unit
-from stepblocks.scans.points import grid_points
+from stepblocks.scans.columns import Columns, choose_position_and_height_columns, find_column_unit
+from stepblocks.scans.points import make_map_from_points
 from stepblocks.scans.scan import Array, HeightMap, ScannedProfile
-from stepblocks.scans.text_table import MOST_COLUMNS, NumberTable, parse_number, parse_table
+from stepblocks.scans.text_table import (
+    MOST_COLUMNS,
+    NumberTable,
+    parse_decimal_point_number,
+    parse_number_table,
+)
 from stepblocks.scans.units import StoredLength, parse_units
 
 if TYPE_CHECKING:
@@ -43,7 +48,7 @@ _UNEQUAL = 0.05  # between steps of positions, over their mean [1]
 _SOURCE_OF_TABLE = "table.csv"
 
 
-def holds_matrix(path: Path) -> bool:
+def has_matrix_head(path: Path) -> bool:
     """Tell whether the head of a text states the size of a matrix of heights."""
     with path.open("rb") as file:
         head = file.read(_HEAD_BYTES).decode("latin-1").replace("\0", "")
@@ -88,7 +93,7 @@ def read_text_scan(
     decoded = decode_text(path.read_bytes(), path.name, MetrologyError, layout.encoding)
     if "\0" in decoded.text[:_PROBED_CHARACTERS]:
         raise MetrologyError(f"file must be text, got binary data [{path.name}]")
-    scan = _make_scan(parse_table(decoded.text, path.name, layout), unit, channel)
+    scan = _make_scan_from_table(parse_number_table(decoded.text, path.name, layout), unit, channel)
     if decoded.note:
         scan = replace(scan, scale=f"{scan.scale}; {decoded.note}")
     return scan
@@ -125,11 +130,13 @@ def read_table_scan(
     names = tuple(name for name in table.columns if isinstance(name, str) and name)
     if len(names) < columns:  # numbered columns have no names
         names = ()
-    values = np.column_stack([_read_numbers(table.iloc[:, index]) for index in range(columns)])
-    return _make_scan(NumberTable(names, values, None, _SOURCE_OF_TABLE), unit, channel)
+    values = np.column_stack(
+        [_read_column_numbers(table.iloc[:, index]) for index in range(columns)]
+    )
+    return _make_scan_from_table(NumberTable(names, values, None, _SOURCE_OF_TABLE), unit, channel)
 
 
-def _read_numbers(column: "pd.Series") -> Array:
+def _read_column_numbers(column: "pd.Series") -> Array:
     """Read a column of a table as float64, shape (n,), as a text of it would be read.
 
     Single precision counts as its shortest decimal, a word as one of the words for a missing point.
@@ -138,7 +145,9 @@ def _read_numbers(column: "pd.Series") -> Array:
     try:
         if kind == "O":
             filled = column.where(column.notna(), "nan")
-            return np.array([parse_number(str(entry)) for entry in filled], dtype=np.float64)
+            return np.array(
+                [parse_decimal_point_number(str(entry)) for entry in filled], dtype=np.float64
+            )
         if kind == "f" and np.dtype(column.to_numpy().dtype).itemsize < 8:
             return np.asarray(column.to_numpy().astype(str), dtype=np.float64)
         if kind in "iuf":
@@ -165,7 +174,7 @@ class _Axis:
         """Positions or heights [m]."""
         return self.unit.to_metres(self.stored)
 
-    def measure_last_digit(self, least_decimals: int = 0) -> float:
+    def compute_last_digit(self, least_decimals: int = 0) -> float:
         """Measure the last digit that the numbers are printed with [m].
 
         It is taken from the shortest decimals that give the numbers back.
@@ -179,33 +188,33 @@ class _Axis:
         return self.unit.to_metres(float(10.0**-decimals))
 
 
-def _make_scan(
+def _make_scan_from_table(
     table: NumberTable, unit: str | None, channel: str | None
 ) -> ScannedProfile | HeightMap:
     """Make a profile or a map of a table; a table without names may be a matrix of heights."""
     units = parse_units(unit)
     if table.values.shape[1] > 3 and not table.names and channel is None:
         return _make_map_of_matrix(table, units)
-    columns = choose_columns(table, channel)
-    found = _find_missing_heights(table, table.values[:, columns.z])
+    columns = choose_position_and_height_columns(table, channel)
+    found = _blank_missing_heights(table, table.values[:, columns.z])
     if found.count:
         values = table.values.copy()
         values[:, columns.z] = found.values
         table = replace(table, values=values)
-    axes = _find_axes(table, columns, units)
-    _refuse_infinite(table, columns)
-    notes = [_describe_units(axes, unit), *table.notes]
+    axes = _build_axes(table, columns, units)
+    _refuse_missing_or_infinite(table, columns)
+    notes = [_describe_unit_origin(axes, unit), *table.notes]
     if found.count:
-        notes.append(found.describe(table.get_name(columns.z) or "the heights"))
+        notes.append(found.describe(table.get_column_name(columns.z) or "the heights"))
     scale = "; ".join(notes)
     if "y" in axes:
         return _make_map_of_points(axes, scale, table.source)
-    return _make_profile(axes, scale, table.source)
+    return _make_forward_profile(axes, scale, table.source)
 
 
-def _refuse_infinite(table: NumberTable, columns: Columns) -> None:
+def _refuse_missing_or_infinite(table: NumberTable, columns: Columns) -> None:
     """Refuse a position that is missing or infinite, and a height that is infinite, by its line."""
-    for axis, column in columns.list_axes().items():
+    for axis, column in columns.get_columns_by_axis().items():
         numbers = table.values[:, column]
         is_wrong = np.isinf(numbers)
         if axis != "z":
@@ -214,58 +223,63 @@ def _refuse_infinite(table: NumberTable, columns: Columns) -> None:
         if is_wrong.any() and is_known:
             row = int(np.flatnonzero(is_wrong)[0])
             raise MetrologyError(
-                f"{table.get_name(column) or axis} must be a finite number, got "
-                f"{numbers[row]:g} [{table.name_row(row)}]"
+                f"{table.get_column_name(column) or axis} must be a finite number, got "
+                f"{numbers[row]:g} [{table.format_row_place(row)}]"
             )
 
 
-def _find_missing_heights(table: NumberTable, heights: Array) -> FillFound:
+def _blank_missing_heights(table: NumberTable, heights: Array) -> FillFound:
     """Find the heights that stand for a missing one: as declared, or those that stand out."""
     if table.missing is None:
         return blank_fill_values(heights)
     return blank_fill_values(heights, table.missing.numbers)
 
 
-def _make_map_of_points(axes: Mapping[str, _Axis], scale: str, source: str) -> HeightMap:
+def _make_map_of_points(columns_by_axis: Mapping[str, _Axis], scale: str, source: str) -> HeightMap:
     """Make a map of points that lie on a grid."""
-    x, y, z = (axes[name].values for name in "xyz")
-    return replace(grid_points(x, y, z, source, scale), count=axes["z"].measure_last_digit())
+    x, y, z = (columns_by_axis[name].values for name in "xyz")
+    return replace(
+        make_map_from_points(x, y, z, source, scale),
+        count=columns_by_axis["z"].compute_last_digit(),
+    )
 
 
-def _make_profile(axes: Mapping[str, _Axis], scale: str, source: str) -> ScannedProfile:
+def _make_forward_profile(
+    columns_by_axis: Mapping[str, _Axis], scale: str, source: str
+) -> ScannedProfile:
     """Make a profile that runs forward, and note in its scale what was changed."""
     notes = [scale]
-    x = axes["x"].values
-    z = axes["z"].values
+    x = columns_by_axis["x"].values
+    z = columns_by_axis["z"].values
     if x[-1] < x[0]:
         x, z = x[::-1], z[::-1]
     forward = _find_forward_points(x, source)
     if not forward.all():
         x, z = x[forward], z[forward]
         notes.append(f"{len(forward) - len(x)} points left out where the profile goes back")
-    even = _fit_equal_steps(x, axes["x"].measure_last_digit(least_decimals=1))
+    even = _fit_equal_steps_or_none(x, columns_by_axis["x"].compute_last_digit(least_decimals=1))
     if even is not None:
-        if _moves_points(x, even):
+        if _is_any_point_moved(x, even):
             notes.append("positions set to equal steps within their last digit")
         x = even
-    count = axes["z"].measure_last_digit()
+    count = columns_by_axis["z"].compute_last_digit()
     return ScannedProfile(x, z, source=source, scale="; ".join(notes), count=count)
 
 
-def _find_axes(
-    table: NumberTable, columns: Columns, units: dict[str, StoredLength]
+def _build_axes(
+    table: NumberTable, columns: Columns, stated_units: dict[str, StoredLength]
 ) -> dict[str, _Axis]:
     """Find name, numbers and unit of the column of each axis."""
     axes = {}
-    for axis, column in columns.list_axes().items():
-        unit = find_column_unit(table, column, axis, units)
-        axes[axis] = _Axis(table.get_name(column), table.values[:, column], unit)
+    for axis, column in columns.get_columns_by_axis().items():
+        unit = find_column_unit(table, column, axis, stated_units)
+        axes[axis] = _Axis(table.get_column_name(column), table.values[:, column], unit)
     return axes
 
 
-def _describe_units(axes: Mapping[str, _Axis], unit: str | None) -> str:
+def _describe_unit_origin(columns_by_axis: Mapping[str, _Axis], unit: str | None) -> str:
     """Say where the units of the columns come from."""
-    names = [axis.name for axis in axes.values() if axis.name]
+    names = [axis.name for axis in columns_by_axis.values() if axis.name]
     if names:
         return f"columns {', '.join(names)}"
     return f"columns unit {unit or 'of the head'} as given"
@@ -302,7 +316,7 @@ def _find_forward_points(x: Array, source: str) -> NDArray[np.bool_]:
     return forward
 
 
-def _fit_equal_steps(x: Array, last_digit: float) -> Array | None:
+def _fit_equal_steps_or_none(x: Array, last_digit: float) -> Array | None:
     """Fit equal steps to positions [m] that were rounded to a last digit [m].
 
     The result is None where rounding does not explain the distances, or where they are equal.
@@ -317,10 +331,10 @@ def _fit_equal_steps(x: Array, last_digit: float) -> Array | None:
     return np.asarray(even, dtype=np.float64)
 
 
-def _moves_points(x: Array, even: Array) -> bool:
+def _is_any_point_moved(x: Array, even_positions: Array) -> bool:
     """Tell whether equal steps move any point by more than rounding explains."""
     length = abs(float(x[-1] - x[0]))
-    return float(np.abs(even - x).max()) > 1e-9 * length
+    return float(np.abs(even_positions - x).max()) > 1e-9 * length
 
 
 def _refuse_positions_beside_heights(table: NumberTable) -> None:
@@ -345,26 +359,26 @@ def _rises_by_equal_steps(numbers: Array) -> bool:
     return bool(mean != 0.0 and np.abs(steps - mean).max() < _UNEQUAL * abs(mean))
 
 
-def _make_map_of_matrix(table: NumberTable, units: Mapping[str, StoredLength]) -> HeightMap:
+def _make_map_of_matrix(table: NumberTable, stated_units: Mapping[str, StoredLength]) -> HeightMap:
     """Make a map of heights without a head, whose step and unit the user states."""
-    steps_are_stated = all(axis in units and units[axis].is_step for axis in "xy")
-    if not steps_are_stated or "z" not in units:
+    steps_are_stated = all(axis in stated_units and stated_units[axis].is_step for axis in "xy")
+    if not steps_are_stated or "z" not in stated_units:
         raise MetrologyError(
             "the spacing of a matrix of heights must be given for x and y, with the unit of the "
             "heights, as x=0.5um,y=0.5um,z=nm (a table has 2 columns, x, z, or 3, x, y, z), got "
             f"{table.values.shape[1]} columns [{table.source}]"
         )
     _refuse_positions_beside_heights(table)
-    found = _find_missing_heights(table, table.values)
-    heights = _Axis(None, found.values.ravel(), units["z"])
+    found = _blank_missing_heights(table, table.values)
+    heights = _Axis(None, found.values.ravel(), stated_units["z"])
     notes = ["matrix with the spacing and unit given", *table.notes]
     if found.count:
         notes.append(found.describe("the heights"))
     return HeightMap(
-        found.values * units["z"].metres,
-        units["x"].metres,
-        units["y"].metres,
+        found.values * stated_units["z"].metres,
+        stated_units["x"].metres,
+        stated_units["y"].metres,
         source=table.source,
         scale="; ".join(notes),
-        count=heights.measure_last_digit(),
+        count=heights.compute_last_digit(),
     )

@@ -68,13 +68,13 @@ class NumberTable:
     places: Sequence[int] = ()
     notes: tuple[str, ...] = ()
 
-    def name_row(self, row: int) -> str:
-        """Say where a row stands in its source; `row` counts from 0."""
+    def format_row_place(self, row_index: int) -> str:
+        """Say where a row stands in its source; `row_index` counts from 0."""
         if not self.places:
-            return f"{self.source}, row {row + 1}"
-        return f"{self.source}, line {self.places[row]}"
+            return f"{self.source}, row {row_index + 1}"
+        return f"{self.source}, line {self.places[row_index]}"
 
-    def get_name(self, column: int) -> str | None:
+    def get_column_name(self, column: int) -> str | None:
         """Return the name of a column, None where columns have no names."""
         if not self.names:
             return None
@@ -102,7 +102,7 @@ class Notation:
     words: frozenset[str] = frozenset()
     quote: str = '"'
 
-    def describe(self) -> list[str]:
+    def list_notation_notes(self) -> list[str]:
         """Say what had to be found out; nothing of commas, points and blanks."""
         notes = []
         if self.separator in _SEPARATOR_NAMES:
@@ -113,12 +113,12 @@ class Notation:
 
     def split_line(self, line: str) -> list[str]:
         """Split a line into fields, without the empty ones that some instruments append."""
-        fields = self._split_cells(line)
+        fields = self._split_into_cells(line)
         while fields and not fields[-1]:
             fields.pop()
         return fields
 
-    def _split_cells(self, line: str) -> list[str]:
+    def _split_into_cells(self, line: str) -> list[str]:
         """Split a line into all its fields; a field in quotation marks may hold the separator."""
         if self.quote in line and self.separator is not None:
             reader = csv.reader(
@@ -129,17 +129,17 @@ class Notation:
 
     def count_cells(self, line: str) -> int:
         """Count the fields of a line, empty ones included."""
-        return len(self._split_cells(line))
+        return len(self._split_into_cells(line))
 
     def is_missing(self, field: str) -> bool:
         """Tell whether a field is empty, or a word for a missing point."""
         return is_missing_word(field) or field in self.words
 
-    def list_words(self, fields: Iterable[str]) -> list[str]:
+    def list_missing_words(self, fields: Iterable[str]) -> list[str]:
         """List the fields that hold a word for a missing point."""
         return [field for field in fields if field and self.is_missing(field)]
 
-    def parse_number(self, field: str) -> float:
+    def parse_number_or_nan(self, field: str) -> float:
         """Read a field as a number, nan for a word that stands for a missing point.
 
         Raises
@@ -153,31 +153,31 @@ class Notation:
             raise ValueError(f"{field!r} is two numbers")
         return self.numbers.parse(field)
 
-    def parse_numbers(self, fields: Iterable[str]) -> list[float] | None:
+    def parse_numbers_or_none(self, fields: Iterable[str]) -> list[float] | None:
         """Read fields as numbers, nan for a missing point.
 
         The result is None if a field is no number, or if all points are missing.
         """
         try:
-            numbers = [self.parse_number(field) for field in fields]
+            numbers = [self.parse_number_or_nan(field) for field in fields]
         except ValueError:
             return None
         if np.isnan(numbers).all():
             return None
         return numbers
 
-    def holds_number(self, field: str) -> bool:
+    def is_number(self, field: str) -> bool:
         """Tell whether a field is a number, and no word for a missing one."""
-        numbers = self.parse_numbers([field])
+        numbers = self.parse_numbers_or_none([field])
         return numbers is not None
 
-    def count_columns(self, line: str) -> int:
+    def count_numbers_in_row(self, line: str) -> int:
         """Count the numbers of a line; 0 if it is no row of a table of two columns or more."""
         try:
             fields = self.split_line(line)
         except csv.Error:
             return 0
-        if len(fields) < 2 or self.parse_numbers(fields) is None:
+        if len(fields) < 2 or self.parse_numbers_or_none(fields) is None:
             return 0
         return len(fields)
 
@@ -188,7 +188,7 @@ _SEPARATORS = (";", "\t", ",", "|", None)
 _SEPARATOR_NAMES = {";": "semicolons", "\t": "tabs", "|": "bars"}
 
 
-def parse_number(field: str) -> float:
+def parse_decimal_point_number(field: str) -> float:
     """Read a field with a decimal point, nan for a word that stands for a missing point.
 
     Raises
@@ -196,7 +196,7 @@ def parse_number(field: str) -> float:
     ValueError
         If it is neither.
     """
-    return Notation(";").parse_number(field)
+    return Notation(";").parse_number_or_nan(field)
 
 
 @dataclass(frozen=True)
@@ -208,7 +208,7 @@ class _Layout:
     columns: int
 
 
-def parse_table(text: str, source: str, declared: TableLayout = UNDECLARED) -> NumberTable:
+def parse_number_table(text: str, source: str, declared: TableLayout = UNDECLARED) -> NumberTable:
     """Find the table of numbers in a text and read it.
 
     Parameters
@@ -231,18 +231,18 @@ def parse_table(text: str, source: str, declared: TableLayout = UNDECLARED) -> N
         If there is no table of at least two columns, or one of its lines is broken.
     """
     lines = text.splitlines()
-    layout = _find_layout(lines, source, declared)
+    layout = _find_table_layout(lines, source, declared)
     _refuse_row_in_head(lines, layout, source)
     head = [_split_head_line(line, layout.notation) for line in lines[: layout.first_line]]
     if layout.columns > MOST_COLUMNS and any(len(fields) == layout.columns for fields in head):
         raise MetrologyError(
             f"table must have at most {MOST_COLUMNS} columns [{source}, {layout.first_line + 1}]"
         )
-    notes = layout.notation.describe()
-    values = _read_clean_rows(lines, layout)
+    notes = layout.notation.list_notation_notes()
+    values = _read_faultless_rows_or_none(lines, layout)
     places: Sequence[int] = range(layout.first_line + 1, len(lines) + 1)
     if values is None:
-        rows = _read_rows(lines, layout, source)
+        rows = _read_rows_line_by_line(lines, layout, source)
         values, places = rows.values, rows.places
         if rows.words:
             notes.append(describe_missing(list(dict.fromkeys(rows.words)), len(rows.words), ""))
@@ -250,14 +250,14 @@ def parse_table(text: str, source: str, declared: TableLayout = UNDECLARED) -> N
     return replace(table, missing=declared.missing_values, places=places, notes=tuple(notes))
 
 
-def _find_layout(lines: Sequence[str], source: str, declared: TableLayout) -> _Layout:
+def _find_table_layout(lines: Sequence[str], source: str, declared: TableLayout) -> _Layout:
     """Find the notation of a text, and the first line that is a row of numbers in it."""
-    notation = _find_notation(lines, source, declared)
+    notation = _find_best_notation(lines, source, declared)
     if notation is not None:
         for number, line in enumerate(lines[: _MOST_HEADER_LINES + 1]):
-            columns = notation.count_columns(line)
+            columns = notation.count_numbers_in_row(line)
             if columns:
-                first_line = _find_first_row(lines, number, notation, columns)
+                first_line = _find_first_row_above(lines, number, notation, columns)
                 return _Layout(notation, first_line, columns)
     if len(lines) > _MOST_HEADER_LINES:
         raise MetrologyError(f"table must begin within {_MOST_HEADER_LINES} lines [{source}]")
@@ -266,18 +266,20 @@ def _find_layout(lines: Sequence[str], source: str, declared: TableLayout) -> _L
     )
 
 
-def _find_first_row(lines: Sequence[str], complete: int, notation: Notation, columns: int) -> int:
+def _find_first_row_above(
+    lines: Sequence[str], first_complete_line: int, notation: Notation, column_count: int
+) -> int:
     """Return the first line of a table, from the first that is complete.
 
     The rows above it may end in missing points.
     """
-    first = complete
-    while first > 0 and _ends_in_missing_points(lines[first - 1], notation, columns):
+    first = first_complete_line
+    while first > 0 and _ends_in_missing_points(lines[first - 1], notation, column_count):
         first -= 1
     return first
 
 
-def _ends_in_missing_points(line: str, notation: Notation, columns: int) -> bool:
+def _ends_in_missing_points(line: str, notation: Notation, column_count: int) -> bool:
     """Tell whether a line is a row of a table that has empty fields at its end."""
     if notation.separator is None:
         return False
@@ -286,30 +288,36 @@ def _ends_in_missing_points(line: str, notation: Notation, columns: int) -> bool
         cells = notation.count_cells(line)
     except csv.Error:
         return False
-    return bool(fields) and cells == columns and notation.parse_numbers(fields) is not None
+    return (
+        bool(fields)
+        and cells == column_count
+        and notation.parse_numbers_or_none(fields) is not None
+    )
 
 
-def _find_notation(lines: Sequence[str], source: str, declared: TableLayout) -> Notation | None:
+def _find_best_notation(
+    lines: Sequence[str], source: str, declared: TableLayout
+) -> Notation | None:
     """Find the notation in which most of the sampled lines are rows of numbers."""
     begin = [line for line in lines[: _MOST_HEADER_LINES + _SAMPLED_LINES] if line.strip()]
     sample = begin[-_SAMPLED_LINES:]
-    words = _list_declared_words(declared)
+    words = _get_declared_missing_words(declared)
     quote = find_quote(sample)
     best: Notation | None = None
     most_rows = 0
-    for separator in _list_separators(declared):
-        for numbers in _list_notations(declared):
+    for separator in _list_possible_separators(declared):
+        for numbers in _list_possible_notations(declared):
             notation = Notation(separator, numbers, words, quote)
-            rows = sum(notation.count_columns(line) > 0 for line in sample)
+            rows = sum(notation.count_numbers_in_row(line) > 0 for line in sample)
             if rows > most_rows:
                 best = notation
                 most_rows = rows
     if best is None or declared.decimal is not None:
         return best
-    return replace(best, numbers=_find_decimal_sign(lines, best, source))
+    return replace(best, numbers=_determine_number_notation(lines, best, source))
 
 
-def _list_separators(declared: TableLayout) -> Sequence[str | None]:
+def _list_possible_separators(declared: TableLayout) -> Sequence[str | None]:
     """List what may separate the fields of a text: what is declared, else all."""
     if declared.separator is None:
         return _SEPARATORS
@@ -318,14 +326,14 @@ def _list_separators(declared: TableLayout) -> Sequence[str | None]:
     return (declared.separator,)
 
 
-def _list_notations(declared: TableLayout) -> Sequence[NumberNotation]:
+def _list_possible_notations(declared: TableLayout) -> Sequence[NumberNotation]:
     """List how the numbers of a text may be written: as declared, else with either sign."""
     if declared.decimal is None:
         return (_POINT, _COMMA)
     return (NumberNotation(declared.decimal),)
 
 
-def _list_declared_words(declared: TableLayout) -> frozenset[str]:
+def _get_declared_missing_words(declared: TableLayout) -> frozenset[str]:
     """Return the declared words for a missing point."""
     values = declared.missing_values
     if values is None:
@@ -333,7 +341,9 @@ def _list_declared_words(declared: TableLayout) -> frozenset[str]:
     return frozenset(values.words)
 
 
-def _find_decimal_sign(lines: Sequence[str], notation: Notation, source: str) -> NumberNotation:
+def _determine_number_notation(
+    lines: Sequence[str], notation: Notation, source: str
+) -> NumberNotation:
     """Find the decimal sign that the numbers of a text share; that of `notation` without commas."""
     cells: list[str] = []
     for line in lines[:: max(len(lines) // _MOST_DOUBTFUL, 1)]:
@@ -351,12 +361,12 @@ def _find_decimal_sign(lines: Sequence[str], notation: Notation, source: str) ->
         raise MetrologyError(f"{error} [{source}]") from error
 
 
-def _split_head_line(line: str, notation: Notation) -> list[str]:
+def _split_head_line(head_line: str, notation: Notation) -> list[str]:
     """Split a line of the head into fields without comment marks and quotes."""
     try:
-        fields = notation.split_line(line)
+        fields = notation.split_line(head_line)
     except csv.Error:
-        fields = line.split(notation.separator)
+        fields = head_line.split(notation.separator)
     return [field.lstrip("# ").strip("\"'") for field in fields]
 
 
@@ -377,7 +387,7 @@ def _refuse_row_in_head(lines: Sequence[str], layout: _Layout, source: str) -> N
         raise _make_line_error(lines[above], above + 1, layout, source)
 
 
-def _read_clean_rows(lines: Sequence[str], layout: _Layout) -> Array | None:
+def _read_faultless_rows_or_none(lines: Sequence[str], layout: _Layout) -> Array | None:
     """Read a table without missing points, footer or fault; None where it has one of them."""
     body = "\n".join(lines[layout.first_line :])
     if layout.notation.numbers.decimal == ",":
@@ -404,7 +414,7 @@ class _Rows:
     words: list[str]
 
 
-def _read_rows(lines: Sequence[str], layout: _Layout, source: str) -> _Rows:
+def _read_rows_line_by_line(lines: Sequence[str], layout: _Layout, source: str) -> _Rows:
     """Read a table line by line, with its missing points and up to its footer."""
     notation = layout.notation
     rows: list[list[float]] = []
@@ -421,52 +431,52 @@ def _read_rows(lines: Sequence[str], layout: _Layout, source: str) -> _Rows:
             raise _make_line_error(line, index + 1, layout, source) from None
         if not fields:
             continue
-        row = _parse_row(fields, layout)
+        row = _parse_row_or_none(fields, layout)
         is_short = row is not None and notation.count_cells(line) < layout.columns
         if row is not None and not is_short and end is None:
             rows.append(row)
             places.append(index + 1)
-            words += notation.list_words(fields)
+            words += notation.list_missing_words(fields)
             continue
         if end is None:
             end = index
-        if is_short or _looks_like_row(fields, layout):
+        if is_short or _is_table_row(fields, layout):
             raise _make_line_error(lines[end], end + 1, layout, source)
     return _Rows(np.array(rows, dtype=np.float64), places, words)
 
 
-def _looks_like_row(fields: Sequence[str], layout: _Layout) -> bool:
+def _is_table_row(fields: Sequence[str], layout: _Layout) -> bool:
     """Tell whether a line belongs to the table, and not to its footer, which holds words.
 
     It begins with a number, or has as many fields as the table and a number among them.
     """
     notation = layout.notation
-    if notation.holds_number(fields[0]):
+    if notation.is_number(fields[0]):
         return True
     is_as_long = len(fields) == layout.columns and notation.separator is not None
-    return is_as_long and any(notation.holds_number(field) for field in fields)
+    return is_as_long and any(notation.is_number(field) for field in fields)
 
 
-def _parse_row(fields: Sequence[str], layout: _Layout) -> list[float] | None:
+def _parse_row_or_none(fields: Sequence[str], layout: _Layout) -> list[float] | None:
     """Read a row of the table, the fields that it lacks at its end as missing points."""
     lacking = layout.columns - len(fields)
     if lacking < 0:
         return None
-    return layout.notation.parse_numbers([*fields, *[""] * lacking])
+    return layout.notation.parse_numbers_or_none([*fields, *[""] * lacking])
 
 
-def _make_line_error(line: str, number: int, layout: _Layout, source: str) -> MetrologyError:
+def _make_line_error(line: str, line_number: int, layout: _Layout, source: str) -> MetrologyError:
     """Make the error of a broken line, with the field that is not a number."""
     notation = layout.notation
     try:
         fields = notation.split_line(line)
     except csv.Error:
         fields = [line]
-    wrong = [field for field in fields if notation.parse_numbers([field, "0"]) is None]
+    wrong = [field for field in fields if notation.parse_numbers_or_none([field, "0"]) is None]
     if wrong and len(fields) == layout.columns and all(map(_AXIS_NAME.match, fields)):
         return MetrologyError(
             f"a file must hold one table, got a second one with the columns {', '.join(fields)} "
-            f"[{source}, line {number}]"
+            f"[{source}, line {line_number}]"
         )
     shown = ",".join(fields)[:_SHOWN_CHARACTERS]
     reason = ""
@@ -475,24 +485,27 @@ def _make_line_error(line: str, number: int, layout: _Layout, source: str) -> Me
         if not is_number_in_any_notation(wrong[0]):
             reason += "; a word for a missing value may be declared (--missing)"
     return MetrologyError(
-        f"line must hold {layout.columns} numbers, got {shown!r}{reason} [{source}, line {number}]"
+        f"line must hold {layout.columns} numbers, got {shown!r}{reason} [{source}, line "
+        f"{line_number}]"
     )
 
 
-def _make_named_table(head: Sequence[Sequence[str]], values: Array, source: str) -> NumberTable:
+def _make_named_table(
+    head_lines: Sequence[Sequence[str]], values: Array, source: str
+) -> NumberTable:
     """Name the columns by the last line of the head, or by the last two, names above units."""
     lines = []
-    for fields in head:
+    for fields in head_lines:
         filled = [field for field in fields if field]
         if filled:
             lines.append(filled)
-    unit = _find_unit_alone(lines)
+    unit = _find_unit_line(lines)
     columns = values.shape[1]
     if not lines:
         return NumberTable((), values, unit, source)
     title = lines[-1]
-    if columns > 2 and len(title) == columns - 1 and _is_numbered(title, values):
-        return _convert_to_positions(lines, values, unit, source)
+    if columns > 2 and len(title) == columns - 1 and _is_first_column_counter(title, values):
+        return _convert_counts_to_positions(lines, values, unit, source)
     if len(title) != columns:
         _refuse_lacking_names(title, columns, source)
         return NumberTable((), values, unit, source)
@@ -502,46 +515,46 @@ def _make_named_table(head: Sequence[Sequence[str]], values: Array, source: str)
     return NumberTable(tuple(title), values, unit, source)
 
 
-def _refuse_lacking_names(title: Sequence[str], columns: int, source: str) -> None:
+def _refuse_lacking_names(title: Sequence[str], column_count: int, source: str) -> None:
     """Refuse a head that names two columns or more, but not as many as the rows have."""
     are_names = all(_AXIS_NAME.match(field) for field in title)
     if len(title) >= 2 and are_names:
         raise MetrologyError(
             f"rows must have as many numbers as the head has names, {', '.join(title)}, got "
-            f"{columns}; decimal commas need another separator than commas [{source}]"
+            f"{column_count}; decimal commas need another separator than commas [{source}]"
         )
 
 
-def _find_unit_alone(lines: Sequence[Sequence[str]]) -> StoredLength | None:
+def _find_unit_line(head_lines: Sequence[Sequence[str]]) -> StoredLength | None:
     """Find the last line of a head that is a unit and nothing else."""
     unit = None
-    for fields in lines:
+    for fields in head_lines:
         word = fields[0].lower()
         if len(fields) == 1 and word in UNITS_PER_METRE:
             unit = StoredLength(1.0, UNITS_PER_METRE[word])
     return unit
 
 
-def _is_numbered(title: Sequence[str], values: Array) -> bool:
+def _is_first_column_counter(title: Sequence[str], values: Array) -> bool:
     """Tell whether the first column, which the title leaves out, only counts the points."""
     for field in title:
-        if _BLANKS.holds_number(field):
+        if _BLANKS.is_number(field):
             return False
     return bool((np.diff(values[:, 0]) == 1.0).all())
 
 
-def _convert_to_positions(
-    lines: Sequence[Sequence[str]], values: Array, unit: StoredLength | None, source: str
+def _convert_counts_to_positions(
+    head_lines: Sequence[Sequence[str]], values: Array, unit: StoredLength | None, source: str
 ) -> NumberTable:
     """Turn numbers of points into positions by the step that the head states.
 
     Without a step, the first column stays a count, named ``#``.
     """
-    title = lines[-1]
-    for fields in lines:
+    title = head_lines[-1]
+    for fields in head_lines:
         if len(fields) != 2 or not _STEP_NAME.match(fields[0]):
             continue
-        step = _BLANKS.parse_numbers(fields[1:])
+        step = _BLANKS.parse_numbers_or_none(fields[1:])
         if step is None:
             continue
         positions = values.copy()

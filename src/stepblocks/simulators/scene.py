@@ -28,7 +28,7 @@ from stepblocks.contact.path.centre import CentrePath
 from stepblocks.haptics.devices import SAFE_FORCE, RenderingPlan
 from stepblocks.parts.kind import Part
 from stepblocks.parts.shapes import Mesh
-from stepblocks.predict.predictions import Prediction, predict_drag
+from stepblocks.predict.predictions import Prediction, predict_single_drag
 from stepblocks.quantities import format_units
 
 _APPROACH = 30e-6  # from where the tip starts to the notch, unmagnified [m]
@@ -255,7 +255,7 @@ def _predict_in_time(scene: Scene) -> Prediction | None:
     event = scene.events[0]
     if event.learned is not None or event.waveform is not None:
         return None
-    predicted = predict_drag(scene.surface.counterface(), scene.point)
+    predicted = predict_single_drag(scene.surface.counterface(), scene.point)
     if not predicted.drag_differs:
         return None
     return predicted

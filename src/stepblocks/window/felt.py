@@ -129,7 +129,9 @@ def predict_felt(
         felt = apply_learned_constants(felt, learned)
     if kept is None:
         kept = KeptPredictions()
-    predicted = kept.predict(_keep_first_condition(felt), dragged, PAPER.speed, is_wanted)
+    predicted = kept.predict_reusing_kept(
+        _keep_first_condition(felt), dragged, PAPER.speed, is_wanted
+    )
     if predicted is None:
         return []
     rows = []

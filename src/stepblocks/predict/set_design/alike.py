@@ -11,13 +11,13 @@ from stepblocks.errors import PipelineError
 from stepblocks.mistakes import shorten_value
 from stepblocks.parts.kind import Part
 from stepblocks.predict.predictions import Model, differs_from_formula
-from stepblocks.predict.set_design.curve import measure_drag_energy
+from stepblocks.predict.set_design.curve import compute_drag_energy
 from stepblocks.predict.set_design.targets import MOST_TARGETS, Target
 
 _SHOWN = 12  # identities in a message
 
 
-def select_models(base: StimulusSet | None, like: str | Sequence[str]) -> list[Part]:
+def select_blocks_to_match(base: StimulusSet | None, like: str | Sequence[str]) -> list[Part]:
     """Select the blocks of a base that others are to feel like, by patterns of their names.
 
     Raises
@@ -53,8 +53,8 @@ def select_models(base: StimulusSet | None, like: str | Sequence[str]) -> list[P
     return list(selected.values())
 
 
-def read_like_targets(
-    base: StimulusSet, models: Sequence[Part], backward: bool, speed: float, model: Model
+def make_targets_like_blocks(
+    base: StimulusSet, blocks: Sequence[Part], backward: bool, speed: float, model: Model
 ) -> tuple[Target, ...]:
     """Take the energies of blocks under the first condition of their set as targets.
 
@@ -62,7 +62,7 @@ def read_like_targets(
     ----------
     base : StimulusSet
         The set of the blocks.
-    models : sequence of Part
+    blocks : sequence of Part
         What is to be felt.
     backward : bool
         Direction over a margin; a step is felt upward.
@@ -77,11 +77,11 @@ def read_like_targets(
         If nothing slips over one of them.
     """
     targets = []
-    for part in models:
+    for part in blocks:
         face, point = part.counterface(), choose_operating_point(base, part, {"speed": speed})
-        energy = _compute_energy(face, point, backward, model)
+        energy = _compute_energy_by_model(face, point, backward, model)
         if math.isnan(energy):
-            status = face.release(point, _is_backward(face, backward)).status
+            status = face.release(point, _is_dragged_backward(face, backward)).status
             raise PipelineError(
                 f"like must name blocks over which a tip slips, {part.id} is {status} by the "
                 f"{model} [{base.name}]"
@@ -90,29 +90,29 @@ def read_like_targets(
     return tuple(sorted(targets, key=lambda target: target.energy))
 
 
-def drag_differs_over(
-    base: StimulusSet, models: Sequence[Part], backward: bool, speed: float
+def does_drag_differ_over_blocks(
+    base: StimulusSet, blocks: Sequence[Part], backward: bool, speed: float
 ) -> bool:
     """Tell whether the drag over one of the blocks differs from the formula as `predict` says."""
-    for part in models:
+    for part in blocks:
         face, point = part.counterface(), choose_operating_point(base, part, {"speed": speed})
-        by_formula = _compute_energy(face, point, backward, Model.FORMULA)
-        ratio = _compute_energy(face, point, backward, Model.DRAG) / by_formula
+        by_formula = _compute_energy_by_model(face, point, backward, Model.FORMULA)
+        ratio = _compute_energy_by_model(face, point, backward, Model.DRAG) / by_formula
         if differs_from_formula(ratio):
             return True
     return False
 
 
-def _compute_energy(
+def _compute_energy_by_model(
     face: Counterface, point: OperatingPoint, backward: bool, model: Model
 ) -> float:
     """Return the energy of a drag over a block by a model [J]; NaN where nothing slips."""
-    is_backward = _is_backward(face, backward)
+    is_backward = _is_dragged_backward(face, backward)
     if model is Model.DRAG:
-        return measure_drag_energy(face, point, is_backward)
+        return compute_drag_energy(face, point, is_backward)
     return face.release(point, is_backward).vibration_energy
 
 
-def _is_backward(face: Counterface, backward: bool) -> bool:
+def _is_dragged_backward(face: Counterface, backward: bool) -> bool:
     """Tell whether a block is dragged over backward: nothing catches down a step."""
     return backward and len(face.ways) > 1

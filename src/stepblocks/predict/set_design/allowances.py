@@ -10,7 +10,7 @@ import numpy as np
 from stepblocks.contact import Array
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.uncertainty import compute_deviated_releases
-from stepblocks.predict.set_design.neighbours import Felt, compute_distances
+from stepblocks.predict.set_design.neighbours import Felt, compute_jnd_distances
 
 EVEN = 0.25  # by which a distance may change before a set is no longer evenly spaced [JND]
 _FIRST_STEP = 1e-4  # of a value, from which its allowance is sought [1]
@@ -38,7 +38,7 @@ class Allowance:
 
 
 @dataclass(frozen=True)
-class _Set:
+class _FeltBlocks:
     """Blocks by rising energy, and how they are felt."""
 
     blocks: Sequence[Felt]
@@ -52,36 +52,40 @@ class _Set:
         nothing = np.zeros(1)
         energies = []
         for block in self.blocks:
-            energies.append(self._compute_energies(block, "friction", nothing))
+            energies.append(self._compute_deviated_energies(block, "friction", nothing))
         return np.array(energies)
 
-    def change_distances(self, name: str, moved: Sequence[int], deviations: Array) -> Array:
+    def compute_distance_changes(
+        self, input_name: str, moved_indices: Sequence[int], deviations: Array
+    ) -> Array:
         """Return the greatest change of a distance [JND] for each deviation [SI] of an input.
 
         It is infinite where one of them no longer slips.
         """
         deviated = np.repeat(self.nominal_energies, deviations.size, axis=1)
-        for index in moved:
-            deviated[index] = self._compute_energies(self.blocks[index], name, deviations)
-        before = compute_distances(
+        for index in moved_indices:
+            deviated[index] = self._compute_deviated_energies(
+                self.blocks[index], input_name, deviations
+            )
+        before = compute_jnd_distances(
             self.nominal_energies[:-1], self.nominal_energies[1:], self.difference
         )
-        after = compute_distances(deviated[:-1], deviated[1:], self.difference)
+        after = compute_jnd_distances(deviated[:-1], deviated[1:], self.difference)
         slips = (np.isfinite(deviated) & (deviated > 0.0)).all(axis=0)
         change = np.full(deviations.size, np.inf)
         change[slips] = np.abs(after[:, slips] - before).max(axis=0)
         return change
 
-    def _compute_energies(self, block: Felt, name: str, deviations: Array) -> Array:
+    def _compute_deviated_energies(self, block: Felt, input_name: str, deviations: Array) -> Array:
         """Return energies of a block where one input deviates [J]."""
         _, energies = compute_deviated_releases(
-            block.face, self.point, {name: deviations}, self.backward
+            block.face, self.point, {input_name: deviations}, self.backward
         )
         return np.broadcast_to(energies, deviations.shape)
 
 
 def find_allowances(
-    blocks: Sequence[Felt], point: OperatingPoint, backward: bool, size: str, difference: float
+    blocks: Sequence[Felt], point: OperatingPoint, backward: bool, size_name: str, jnd_db: float
 ) -> tuple[Allowance, ...]:
     """Find how far each input may deviate by the equations; nothing for a single block.
 
@@ -93,20 +97,22 @@ def find_allowances(
         Under what they are felt.
     backward : bool
         Direction of the drag.
-    size : str
+    size_name : str
         Name of the size that differs between blocks, ``"height"`` or ``"gap"``.
-    difference : float
+    jnd_db : float
         Just noticeable difference [dB].
     """
     if len(blocks) < 2:
         return ()
-    compared = _Set(blocks, point, backward, difference)
+    compared = _FeltBlocks(blocks, point, backward, jnd_db)
     downs, ups = [], []
     for index, block in enumerate(blocks):
-        down, up = _find_allowance(compared, size, [index], block.face.dimensions[size])
+        down, up = _find_downward_and_upward_allowance(
+            compared, size_name, [index], block.face.dimensions[size_name]
+        )
         downs.append(down)
         ups.append(up)
-    allowances = [Allowance(size, min(downs), min(ups))]
+    allowances = [Allowance(size_name, min(downs), min(ups))]
     everywhere = range(len(blocks))
     shared = {
         "friction": point.friction,
@@ -117,31 +123,33 @@ def find_allowances(
     if edge_radius is not None:
         shared = {"edge_radius": edge_radius, **shared}
     for name, value in shared.items():
-        down, up = _find_allowance(compared, name, everywhere, value)
+        down, up = _find_downward_and_upward_allowance(compared, name, everywhere, value)
         allowances.append(Allowance(name, down, up))
     return tuple(allowances)
 
 
-def _find_allowance(
-    compared: _Set, name: str, moved: Sequence[int], value: float
+def _find_downward_and_upward_allowance(
+    compared: _FeltBlocks, input_name: str, moved_indices: Sequence[int], nominal_value: float
 ) -> tuple[float, float]:
     """Find how far an input may fall and rise [SI] from its value."""
-    least = _FIRST_STEP * (value or compared.point.ball_radius)
-    change = partial(compared.change_distances, name, moved)
+    least = _FIRST_STEP * (nominal_value or compared.point.ball_radius)
+    change = partial(compared.compute_distance_changes, input_name, moved_indices)
     down = math.inf
-    if value > 0.0:
+    if nominal_value > 0.0:
         # at 0 itself nothing is felt
-        down = _find_first_beyond(
-            lambda deviations: change(-deviations), least, _NEARLY_ALL * value
+        down = _find_first_intolerable_deviation(
+            lambda deviations: change(-deviations), least, _NEARLY_ALL * nominal_value
         )
-    return down, _find_first_beyond(change, least, _MOST * least)
+    return down, _find_first_intolerable_deviation(change, least, _MOST * least)
 
 
-def _find_first_beyond(change: Callable[[Array], Array], least: float, most: float) -> float:
+def _find_first_intolerable_deviation(
+    compute_change: Callable[[Array], Array], least: float, most: float
+) -> float:
     """Find the deviation from which a distance changes by more than `EVEN`; infinite if none."""
     tried = np.concatenate([[0.0], np.geomspace(least, most, _PARTS)])
     for _ in range(_DIVISIONS):
-        is_beyond = change(tried) > EVEN
+        is_beyond = compute_change(tried) > EVEN
         if not is_beyond.any():
             return math.inf
         first = int(np.argmax(is_beyond))

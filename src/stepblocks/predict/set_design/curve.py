@@ -12,7 +12,7 @@ from stepblocks.contact.counterface import Counterface
 from stepblocks.contact.energy import Release, Status
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.uncertainty import compute_deviated_releases
-from stepblocks.predict.predictions import Model, predict_drag
+from stepblocks.predict.predictions import Model, predict_single_drag
 from stepblocks.predict.set_design.route import SizedBlock
 
 # the equations hold for sizes that nobody makes, which tells why a target cannot be reached [m]
@@ -58,11 +58,11 @@ class EnergyCurve:
         """Compute the energy at a size [m] in J; NaN where nothing slips or rings."""
         return float(self._compute_energies(np.array([size]))[0])
 
-    def find_release(self, size: float) -> Release:
+    def compute_release(self, size: float) -> Release:
         """Find status, force and energy at a size [m] by the equations."""
         return self.block.make_face(size).release(self.point, self.backward)
 
-    def find_sizes(self, energy: float) -> tuple[float, ...]:
+    def find_sizes_for_energy(self, energy: float) -> tuple[float, ...]:
         """Find all sizes that give an energy [J], in ascending order [m]."""
         sizes, energies = self.sizes_and_energies
         missed = np.log(energies / energy)  # NaN where nothing slips
@@ -107,22 +107,22 @@ class EnergyCurve:
             np.concatenate([energies, further])[order],
         )
 
-    def _find_last_size_that_slips(self, slips: float, holds: float) -> float:
+    def _find_last_size_that_slips(self, slipping_size: float, holding_size: float) -> float:
         """Search between a size that slips and one that does not [m]; return the last that does."""
         for _ in range(_DIVISIONS):
-            tried = np.linspace(slips, holds, _PARTS + 1)
+            tried = np.linspace(slipping_size, holding_size, _PARTS + 1)
             energies = self._compute_energies(tried)
             last = max(int(np.argmax(np.isnan(energies))), 1) - 1
-            slips, holds = float(tried[last]), float(tried[last + 1])
-        return slips
+            slipping_size, holding_size = float(tried[last]), float(tried[last + 1])
+        return slipping_size
 
     def _compute_energies(self, sizes: Array) -> Array:
         """Compute the energies at sizes [m] in J; NaN where nothing slips or rings."""
         if self.model is Model.DRAG:
-            return np.array([self._measure_drag_energy(float(size)) for size in sizes])
-        return self._compute_by_formula(sizes)
+            return np.array([self._get_or_compute_drag_energy(float(size)) for size in sizes])
+        return self._compute_energies_by_formula(sizes)
 
-    def _compute_by_formula(self, sizes: Array) -> Array:
+    def _compute_energies_by_formula(self, sizes: Array) -> Array:
         """Compute energies by equations (1) and (2) at sizes [m]; NaN where nothing slips."""
         first = float(sizes[0])
         deviations: dict[str, float | Array] = {self.block.dimension: sizes - first}
@@ -135,11 +135,11 @@ class EnergyCurve:
         slips = np.isfinite(energies) & (energies > 0.0)
         return np.where(slips, energies, np.nan)
 
-    def _measure_drag_energy(self, size: float) -> float:
+    def _get_or_compute_drag_energy(self, size: float) -> float:
         """Drag over the block at a size [m]; energy of its ring [J], NaN where there is none."""
         known = self._dragged_energies.get(size)
         if known is None:
-            known = measure_drag_energy(self.block.make_face(size), self.point, self.backward)
+            known = compute_drag_energy(self.block.make_face(size), self.point, self.backward)
             self._dragged_energies[size] = known
         return known
 
@@ -149,9 +149,9 @@ class EnergyCurve:
         return {}
 
 
-def measure_drag_energy(face: Counterface, point: OperatingPoint, backward: bool) -> float:
+def compute_drag_energy(face: Counterface, point: OperatingPoint, backward: bool) -> float:
     """Return the energy of the ring of a drag in time [J]; NaN where nothing slips or rings."""
-    in_time = predict_drag(face, point, backward).in_time
+    in_time = predict_single_drag(face, point, backward).in_time
     if in_time is None or in_time.status != Status.RELEASES or not in_time.energy > 0.0:
         return math.nan
     return in_time.energy

@@ -14,8 +14,8 @@ from stepblocks.contact.uncertainty import compute_deviated_releases, draw_stand
 from stepblocks.errors import ContactError
 from stepblocks.parts.conditions import PredictionGrid
 from stepblocks.parts.kind import Part
-from stepblocks.predict.predictions import Model, collect_uncertainties, find_tip
-from stepblocks.predict.set_design.curve import measure_drag_energy
+from stepblocks.predict.predictions import Model, collect_standard_uncertainties, make_tip_dimension
+from stepblocks.predict.set_design.curve import compute_drag_energy
 
 DRAWS = 4000
 MERGED = 0.5  # neighbours closer than this are taken for one [JND]
@@ -68,7 +68,7 @@ class Spread:
     all: Array  # the setting deviates, too
 
 
-def draw_energies(
+def sample_block_energies(
     blocks: Sequence[Felt],
     grid: PredictionGrid,
     point: OperatingPoint,
@@ -80,8 +80,8 @@ def draw_energies(
     Sizes are drawn evenly from their tolerance zones, each block for itself; the setting is drawn
     from normal distributions, and is the same for all blocks of a draw.
     """
-    tip = find_tip(grid, point.ball_radius)
-    widths = collect_uncertainties(blocks[0].part, grid, tip, point.normal_load)
+    tip = make_tip_dimension(grid, point.ball_radius)
+    widths = collect_standard_uncertainties(blocks[0].part, grid, tip, point.normal_load)
     normal = draw_standard_normal(len(_SETTING), DRAWS, _SEED)
     setting: dict[str, Real] = {}
     for name, numbers in zip(_SETTING, normal, strict=True):
@@ -90,17 +90,17 @@ def draw_energies(
     generator = np.random.default_rng(_SEED + 1)
     spreads = []
     for block in blocks:
-        making = _draw_sizes(block.part, generator)
+        making = _sample_size_deviations(block.part, generator)
         spreads.append(
             Spread(
-                _compute_energies(block, point, making, backward, model),
-                _compute_energies(block, point, {**making, **setting}, backward, model),
+                _compute_deviated_energies(block, point, making, backward, model),
+                _compute_deviated_energies(block, point, {**making, **setting}, backward, model),
             )
         )
     return spreads
 
 
-def _draw_sizes(part: Part, generator: np.random.Generator) -> dict[str, Real]:
+def _sample_size_deviations(part: Part, generator: np.random.Generator) -> dict[str, Real]:
     """Draw the deviations of the sizes of a part from their zones [m]."""
     deviations: dict[str, Real] = {}
     for name, size in part.sizes.items():
@@ -108,7 +108,7 @@ def _draw_sizes(part: Part, generator: np.random.Generator) -> dict[str, Real]:
     return deviations
 
 
-def _compute_energies(
+def _compute_deviated_energies(
     block: Felt,
     point: OperatingPoint,
     deviations: Mapping[str, Real],
@@ -128,7 +128,7 @@ def _compute_energies(
 
 
 def _compute_log_energy_changes(
-    block: Felt, point: OperatingPoint, name: str, deviation: Array, backward: bool
+    block: Felt, point: OperatingPoint, input_name: str, deviation: Array, backward: bool
 ) -> Array:
     """Compute changes of ln E of a drag with one input, from drags at its extremes."""
     reached = float(np.abs(deviation).max())
@@ -136,7 +136,7 @@ def _compute_log_energy_changes(
         return np.zeros_like(deviation)
     ends = []
     for side in (-reached, reached):
-        energy = _predict_deviated_energy(block, point, name, side, backward)
+        energy = _predict_deviated_energy(block, point, input_name, side, backward)
         ends.append(math.log(energy / block.energy))
     low, high = ends
     if math.isnan(low):
@@ -151,48 +151,50 @@ def _compute_log_energy_changes(
 
 
 def _predict_deviated_energy(
-    block: Felt, point: OperatingPoint, name: str, deviation: float, backward: bool
+    block: Felt, point: OperatingPoint, input_name: str, deviation: float, backward: bool
 ) -> float:
     """Drag where one input deviates [SI]; return the energy of the ring [J], NaN without one."""
     sizes = {key: size.nominal for key, size in block.part.sizes.items()}
     try:
-        if name in sizes:
-            sizes[name] = max(sizes[name] + deviation, 0.0)
+        if input_name in sizes:
+            sizes[input_name] = max(sizes[input_name] + deviation, 0.0)
             face = block.part.make_counterface(**sizes)
-            return measure_drag_energy(face, point, backward)
-        return measure_drag_energy(block.face, deviate_point(point, name, deviation), backward)
+            return compute_drag_energy(face, point, backward)
+        return compute_drag_energy(
+            block.face, deviate_point(point, input_name, deviation), backward
+        )
     except ContactError:  # such a value is out of the domain
         return math.nan
 
 
-def deviate_point(point: OperatingPoint, name: str, deviation: float) -> OperatingPoint:
+def deviate_point(point: OperatingPoint, field_name: str, deviation: float) -> OperatingPoint:
     """Return the operating point with one field of its own or of its tool deviating [SI]."""
-    if hasattr(point.tool, name):
-        value = getattr(point.tool, name) + deviation
-        return replace(point, tool=replace(point.tool, **{name: value}))
-    value = max(getattr(point, name) + deviation, 0.0)
-    return replace(point, **{name: value})
+    if hasattr(point.tool, field_name):
+        value = getattr(point.tool, field_name) + deviation
+        return replace(point, tool=replace(point.tool, **{field_name: value}))
+    value = max(getattr(point, field_name) + deviation, 0.0)
+    return replace(point, **{field_name: value})
 
 
-def compute_distances(first: Array, second: Array, difference: float) -> Array:
+def compute_jnd_distances(first_energies: Array, second_energies: Array, jnd_db: float) -> Array:
     """Return distances of energies in just noticeable differences [1]; 0 where neither slips."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        distances = 10.0 * (np.log10(second) - np.log10(first)) / difference
+        distances = 10.0 * (np.log10(second_energies) - np.log10(first_energies)) / jnd_db
     return np.where(np.isnan(distances), 0.0, distances)
 
 
 def compare_neighbours(
-    blocks: Sequence[Felt], spreads: Sequence[Spread], difference: float
+    blocks: Sequence[Felt], spreads: Sequence[Spread], jnd_db: float
 ) -> tuple[Neighbours, ...]:
     """Compare each block with the next stronger one."""
     compared = []
     for index in range(len(blocks) - 1):
         weaker, stronger = blocks[index], blocks[index + 1]
         weaker_spread, stronger_spread = spreads[index], spreads[index + 1]
-        drawn = compute_distances(weaker_spread.all, stronger_spread.all, difference)
-        made = compute_distances(weaker_spread.making, stronger_spread.making, difference)
+        drawn = compute_jnd_distances(weaker_spread.all, stronger_spread.all, jnd_db)
+        made = compute_jnd_distances(weaker_spread.making, stronger_spread.making, jnd_db)
         low, high = np.quantile(drawn, _TAILS, method="inverted_cdf")
-        nominal = 10.0 * math.log10(stronger.energy / weaker.energy) / difference
+        nominal = 10.0 * math.log10(stronger.energy / weaker.energy) / jnd_db
         compared.append(
             Neighbours(
                 first=weaker.part.id,

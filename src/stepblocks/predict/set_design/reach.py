@@ -116,37 +116,41 @@ class MissedTarget:
         return " or ".join(words)
 
 
-def place_target(target: Target, curve: EnergyCurve, sizes: SizeRange) -> Placement | MissedTarget:
+def find_block_for_target(
+    target: Target, curve: EnergyCurve, sizes: SizeRange
+) -> Placement | MissedTarget:
     """Find the block that gives a target, or say why there is none and what would give it."""
-    found = _try_target(target, curve, sizes)
+    found = _find_block_or_obstacle(target, curve, sizes)
     if isinstance(found, Placement) or found.obstacle is Obstacle.BELOW_THRESHOLD:
         return found
     if curve.model is Model.FORMULA and found.obstacle in _BEYOND.values():
         return found  # an energy takes the same pull under every load and with every tip
-    load = _find_nearest(
+    load = _find_nearest_reaching_value(
         lambda factor: _is_target_reached(target, curve, sizes, load_factor=factor),
         curve.point.normal_load,
     )
-    tip_radius = _find_nearest(
+    tip_radius = _find_nearest_reaching_value(
         lambda factor: _is_target_reached(target, curve, sizes, tip_factor=factor),
         curve.point.ball_radius,
     )
     return replace(found, load=load, tip_radius=tip_radius)
 
 
-def _try_target(target: Target, curve: EnergyCurve, sizes: SizeRange) -> Placement | MissedTarget:
+def _find_block_or_obstacle(
+    target: Target, curve: EnergyCurve, sizes: SizeRange
+) -> Placement | MissedTarget:
     """Find the block that gives a target, or say why there is none."""
     threshold = compute_threshold_energy(curve.point.tool)
     if target.energy < threshold:
         detail = f"nobody feels less than {format_quantity(threshold, 'energy', 3)}"
         return MissedTarget(target, Obstacle.BELOW_THRESHOLD, detail)
-    found = curve.find_sizes(target.energy)
+    found = curve.find_sizes_for_energy(target.energy)
     made = [size for size in found if sizes.contains(sizes.round_to_step(size))]
     if not made:
-        return _explain_miss(target, curve, sizes, found)
+        return _make_missed_target(target, curve, sizes, found)
     size, *further = made
     made_size = sizes.round_to_step(size)
-    status = curve.find_release(made_size).status
+    status = curve.compute_release(made_size).status
     if status is not Status.RELEASES:
         asked = format_quantity(size, "length")
         detail = f"at {format_quantity(made_size, 'length')}, to which {asked} rounds"
@@ -154,15 +158,15 @@ def _try_target(target: Target, curve: EnergyCurve, sizes: SizeRange) -> Placeme
     return Placement(target, size, made_size, tuple(further))
 
 
-def _explain_miss(
-    target: Target, curve: EnergyCurve, sizes: SizeRange, found: tuple[float, ...]
+def _make_missed_target(
+    target: Target, curve: EnergyCurve, sizes: SizeRange, unmakeable_sizes: tuple[float, ...]
 ) -> MissedTarget:
-    """Say why no size that is made gives a target; `found` are sizes that cannot be made [m]."""
+    """Say why no size beside the `unmakeable_sizes` [m] gives a target."""
     smallest = format_quantity(sizes.least, "length")
     largest = format_quantity(sizes.most, "length")
-    if found:
-        wanted = format_quantity(found[0], "length", 3)
-        if found[0] < sizes.least:
+    if unmakeable_sizes:
+        wanted = format_quantity(unmakeable_sizes[0], "length", 3)
+        if unmakeable_sizes[0] < sizes.least:
             detail = f"it takes {wanted}, the least is {smallest}"
             return MissedTarget(target, Obstacle.BELOW_LEAST, detail)
         detail = f"it takes {wanted}, the most is {largest}"
@@ -176,7 +180,7 @@ def _explain_miss(
     samples, energies = curve.sizes_and_energies
     known = np.isfinite(energies)
     if not known.any():
-        status = curve.find_release(sizes.least).status
+        status = curve.compute_release(sizes.least).status
         detail = f"every size is {status}"
         return MissedTarget(target, _BEYOND.get(status, Obstacle.LOCKED), detail)
     lowest, highest = float(energies[known].min()), float(energies[known].max())
@@ -193,11 +197,11 @@ def _explain_miss(
     return MissedTarget(target, Obstacle.JUMPED, detail)
 
 
-def _find_upper_obstacle(curve: EnergyCurve, last: float) -> Obstacle:
+def _find_upper_obstacle(curve: EnergyCurve, last_size: float) -> Obstacle:
     """Say what ends the energies above the last size that slips [m]."""
-    if last >= curve.most * (1.0 - 1e-9):
+    if last_size >= curve.most * (1.0 - 1e-9):
         return Obstacle.ABOVE_MOST
-    status = curve.find_release(last * (1.0 + 1e-6)).status
+    status = curve.compute_release(last_size * (1.0 + 1e-6)).status
     return _BEYOND.get(status, Obstacle.LOCKED)
 
 
@@ -211,14 +215,16 @@ def _is_target_reached(
 ) -> bool:
     """Tell whether a target is reached under another load or with another ball."""
     try:
-        point = _change_point(curve.point, load_factor, tip_factor)
+        point = _scale_load_and_tip(curve.point, load_factor, tip_factor)
     except ContactError:  # no such ball or load
         return False
     changed = replace(curve, point=point, drag_points=_COARSE_POINTS)
-    return isinstance(_try_target(target, changed, sizes), Placement)
+    return isinstance(_find_block_or_obstacle(target, changed, sizes), Placement)
 
 
-def _change_point(point: OperatingPoint, load_factor: float, tip_factor: float) -> OperatingPoint:
+def _scale_load_and_tip(
+    point: OperatingPoint, load_factor: float, tip_factor: float
+) -> OperatingPoint:
     """Return the operating point with another load and ball."""
     return replace(
         point,
@@ -227,14 +233,16 @@ def _change_point(point: OperatingPoint, load_factor: float, tip_factor: float) 
     )
 
 
-def _find_nearest(reaches: Callable[[float], bool], present: float) -> float | None:
+def _find_nearest_reaching_value(
+    is_reached: Callable[[float], bool], present_value: float
+) -> float | None:
     """Find the value nearest to the present one that reaches a target, of few digits.
 
     Parameters
     ----------
-    reaches : callable
+    is_reached : callable
         Tells whether the present value times a factor does.
-    present : float
+    present_value : float
         The value that does not.
 
     Returns
@@ -242,20 +250,20 @@ def _find_nearest(reaches: Callable[[float], bool], present: float) -> float | N
     float or None
         None where no factor of up to 16 does.
     """
-    for failing, factor in _yield_factors():
-        if not reaches(factor):
+    for failing, factor in _iterate_factor_brackets():
+        if not is_reached(factor):
             continue
         for _ in range(_BISECTIONS):
             middle = math.sqrt(failing * factor)
-            if reaches(middle):
+            if is_reached(middle):
                 factor = middle
             else:
                 failing = middle
-        return _round_away_if_reached(present, factor, reaches)
+        return _round_away_if_reached(present_value, factor, is_reached)
     return None
 
 
-def _yield_factors() -> Iterator[tuple[float, float]]:
+def _iterate_factor_brackets() -> Iterator[tuple[float, float]]:
     """Yield factors with the one before each in the same direction, nearest to 1 first."""
     before = 1.0
     for factor in _FACTORS:
@@ -265,15 +273,15 @@ def _yield_factors() -> Iterator[tuple[float, float]]:
 
 
 def _round_away_if_reached(
-    present: float, factor: float, reaches: Callable[[float], bool]
+    present_value: float, factor: float, is_reached: Callable[[float], bool]
 ) -> float:
-    """Return `present` times a factor, rounded away from it to few digits if that reaches."""
-    value = present * factor
+    """Return `present_value` times a factor, rounded away from it to few digits if that reaches."""
+    value = present_value * factor
     unit = 10.0 ** (math.floor(math.log10(value)) - _DIGITS + 1)
     multiple = math.floor(value / unit)
     if factor > 1.0:
         multiple = math.ceil(value / unit)
     short = float(f"{multiple * unit:.{_DIGITS}g}")
-    if reaches(short / present):
+    if is_reached(short / present_value):
         return short
     return value

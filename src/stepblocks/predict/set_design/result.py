@@ -105,13 +105,13 @@ class SetDesign:
 
     def tabulate(self) -> dict[str, list[Row]]:
         """Put it into tables by their titles, the unit at the end of each column's name."""
-        tables = {"blocks": [_tabulate_block(block) for block in self.blocks]}
+        tables = {"blocks": [_make_block_row(block) for block in self.blocks]}
         if self.neighbours:
-            tables["neighbours"] = [_tabulate_neighbours(pair) for pair in self.neighbours]
+            tables["neighbours"] = [_make_neighbours_row(pair) for pair in self.neighbours]
             title = f"deviations that change no distance by more than {EVEN:g} JND"
-            tables[title] = [_tabulate_allowance(allowance) for allowance in self.allowances]
+            tables[title] = [_make_allowance_row(allowance) for allowance in self.allowances]
         if self.missed:
-            tables[MISSED] = [_tabulate_miss(miss) for miss in self.missed]
+            tables[MISSED] = [_make_missed_target_row(miss) for miss in self.missed]
         return tables
 
     def plot(self, ax: "Axes | None" = None) -> Axes:
@@ -130,11 +130,11 @@ class SetDesign:
         axis = take_axes(ax)
         axis.set(xscale="log", xlabel=f"vibration energy, {self.model} [uJ]")
         _draw_blocks(axis, self.blocks)
-        _draw_misses(axis, self.missed, len(self.blocks))
+        _draw_missed_targets(axis, self.missed, len(self.blocks))
         threshold = 1e6 * compute_threshold_energy(self.tool)
         if threshold > _NEAR * axis.get_xlim()[0]:
             axis.axvline(threshold, color=_RED, ls="--", lw=1, label="detection threshold")
-        axis.set_yticks(range(len(self.blocks) + len(self.missed)), _list_labels(self))
+        axis.set_yticks(range(len(self.blocks) + len(self.missed)), _list_row_labels(self))
         axis.invert_yaxis()
         axis.legend(fontsize=8)
         return axis
@@ -147,7 +147,7 @@ class SetDesign:
         save_figure(figure, Path(path))
 
 
-def _tabulate_block(block: DesignedBlock) -> Row:
+def _make_block_row(block: DesignedBlock) -> Row:
     """Put a block into a row."""
     further = ", ".join(f"{size * 1e6:.4g}" for size in block.further_sizes)
     row: Row = {
@@ -167,7 +167,7 @@ def _tabulate_block(block: DesignedBlock) -> Row:
     return row
 
 
-def _tabulate_neighbours(pair: Neighbours) -> Row:
+def _make_neighbours_row(pair: Neighbours) -> Row:
     """Put two neighbours into a row."""
     return {
         "weaker": pair.first,
@@ -183,7 +183,7 @@ def _tabulate_neighbours(pair: Neighbours) -> Row:
 _UNITS = {"friction": ("", 1.0), "normal_load": ("N", 1.0)}
 
 
-def _tabulate_allowance(allowance: Allowance) -> Row:
+def _make_allowance_row(allowance: Allowance) -> Row:
     """Put an allowance into a row, with its unit beside it."""
     unit, factor = _UNITS.get(allowance.name, ("um", 1e6))
     down = _format_deviation(factor * allowance.down)
@@ -198,7 +198,7 @@ def _format_deviation(deviation: float) -> str:
     return f"{deviation:.3g}"
 
 
-def _tabulate_miss(miss: MissedTarget) -> Row:
+def _make_missed_target_row(miss: MissedTarget) -> Row:
     """Put a target that no block gives into a row."""
     return {
         "target": miss.target.wanted,
@@ -208,7 +208,7 @@ def _tabulate_miss(miss: MissedTarget) -> Row:
     }
 
 
-def _list_labels(design: SetDesign) -> list[str]:
+def _list_row_labels(design: SetDesign) -> list[str]:
     """Name the rows of the picture: blocks, then targets that are missed."""
     labels = [block.id for block in design.blocks]
     for miss in design.missed:
@@ -229,7 +229,7 @@ def _draw_blocks(axis: Axes, blocks: tuple[DesignedBlock, ...]) -> None:
     axis.plot(targets, rows, "o", ms=5, mfc="none", color="k", label="target")
 
 
-def _draw_misses(axis: Axes, missed: tuple[MissedTarget, ...], first_row: int) -> None:
+def _draw_missed_targets(axis: Axes, missed: tuple[MissedTarget, ...], first_row: int) -> None:
     """Draw the targets that no block gives, below the blocks."""
     if not missed:
         return

@@ -116,7 +116,7 @@ class SizedBlock:
 
     def make_part(self, size: float, identity: str = "sought") -> Part:
         """Make the block at a size [m], or raise what is wrong with it."""
-        fields = _read_fields(self.example)
+        fields = _get_declared_fields(self.example)
         fields["id"] = identity
         fields[self.field] = replace(fields[self.field], nominal=size)
         return type(self.example)(**fields)
@@ -162,7 +162,7 @@ def make_sized_block(route: MakingRoute, base: StimulusSet | None) -> SizedBlock
         If no size of it can be declared.
     """
     sought = _SOUGHT[route.kind]
-    stanza = _collect_fields(sought, base)
+    stanza = _read_fields_of_first_part(sought, base)
     if route.edge_radius is not None or route.edge_tolerance is not None:
         edge = {"nominal": route.edge_radius or "0 um"}
         if route.edge_tolerance is not None:
@@ -190,17 +190,17 @@ def make_sized_block(route: MakingRoute, base: StimulusSet | None) -> SizedBlock
     raise StimulusError(f"no {sought.field} of a {name} can be made: {mistakes[-1]}")
 
 
-def _collect_fields(sought: _Sought, base: StimulusSet | None) -> dict[str, object]:
+def _read_fields_of_first_part(sought: _Sought, base: StimulusSet | None) -> dict[str, object]:
     """Return the fields of the first part of a kind in a base; none where there is no such part."""
     if base is None:
         return {}
     for part in base.stimuli:
         if type(part) is sought.kind:
-            return _read_fields(part)
+            return _get_declared_fields(part)
     return {}
 
 
-def _read_fields(part: Part) -> dict[str, Any]:
+def _get_declared_fields(part: Part) -> dict[str, Any]:
     """Return the declared fields of a part by their names."""
     return {name: getattr(part, name) for name in type(part).model_fields}
 
@@ -244,15 +244,15 @@ def _find_declarable_range(block: SizedBlock) -> tuple[float, float]:
     return smallest, largest
 
 
-def _bisect_declarable_size(block: SizedBlock, refused: float, taken: float) -> float:
+def _bisect_declarable_size(block: SizedBlock, refused_size: float, accepted_size: float) -> float:
     """Bisect between a refused and a taken size [m]; return the last that is taken."""
     for _ in range(_BISECTIONS):
-        middle = 0.5 * (refused + taken)
+        middle = 0.5 * (refused_size + accepted_size)
         if _is_declarable(block, middle):
-            taken = middle
+            accepted_size = middle
         else:
-            refused = middle
-    return taken
+            refused_size = middle
+    return accepted_size
 
 
 def _is_declarable(block: SizedBlock, size: float) -> bool:

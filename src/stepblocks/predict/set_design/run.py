@@ -16,23 +16,23 @@ from stepblocks.parts.conditions import PredictionGrid
 from stepblocks.parts.declared import Table
 from stepblocks.predict.predictions import Model, differs_from_formula
 from stepblocks.predict.set_design.alike import (
-    drag_differs_over,
-    read_like_targets,
-    select_models,
+    does_drag_differ_over_blocks,
+    make_targets_like_blocks,
+    select_blocks_to_match,
 )
 from stepblocks.predict.set_design.allowances import find_allowances
-from stepblocks.predict.set_design.curve import EnergyCurve, measure_drag_energy
+from stepblocks.predict.set_design.curve import EnergyCurve, compute_drag_energy
 from stepblocks.predict.set_design.neighbours import (
     Felt,
     Spread,
     compare_neighbours,
-    draw_energies,
+    sample_block_energies,
 )
 from stepblocks.predict.set_design.reach import (
     MissedTarget,
     Obstacle,
     Placement,
-    place_target,
+    find_block_for_target,
 )
 from stepblocks.predict.set_design.result import DesignedBlock, SetDesign
 from stepblocks.predict.set_design.route import (
@@ -45,8 +45,8 @@ from stepblocks.predict.set_design.route import (
 from stepblocks.predict.set_design.targets import (
     Spacing,
     Target,
-    compute_level,
-    read_difference,
+    compute_level_db,
+    read_jnd_db,
     read_targets,
 )
 from stepblocks.quantities import format_quantity
@@ -121,44 +121,44 @@ def design_set(
     ['13.1 um', '24.1 um', '38.1 um']
     """
     route = _get_route_or_default(route)
-    stated_model = _read_model(model)
+    stated_model = _parse_model(model)
     base = _load_base(base)
     block = make_sized_block(route, base)
-    conditions = _choose_conditions(name, base, prediction, block)
+    conditions = _make_conditions_set(name, base, prediction, block)
     point = choose_operating_point(conditions, block.example, {"speed": speed})
-    _require_direction(backward, block)
-    difference = read_difference(jnd)
+    _check_drag_direction(backward, block)
+    difference = read_jnd_db(jnd)
     spacing = Spacing(lowest, highest, number, apart)
-    models = select_models(base, like)
+    models = select_blocks_to_match(base, like)
     stated = None
     if not models:
         stated = read_targets(targets, spacing, difference, point.tool)
-    elif spacing.is_asked_for or not _is_empty(targets):
+    elif spacing.is_asked_for or not _has_no_targets(targets):
         raise PipelineError("like must not be given beside targets or lowest: give one of both")
 
-    def read_wanted(by: Model) -> tuple[Target, ...]:
+    def read_targets_by_model(energy_model: Model) -> tuple[Target, ...]:
         """Return the targets; those of other blocks are energies by the same model."""
         if stated is not None:
             return stated
         assert base is not None
-        return read_like_targets(base, models, backward, speed, by)
+        return make_targets_like_blocks(base, models, backward, speed, energy_model)
 
     sizes = find_size_range(block, route)
     curve = EnergyCurve(
         block, point, backward, stated_model or Model.FORMULA, sizes.least, sizes.most
     )
-    found = _place_targets(read_wanted(curve.model), curve, sizes)
+    found = _find_blocks_for_targets(read_targets_by_model(curve.model), curve, sizes)
     if stated_model is None:
-        differs = _drag_differs(found, curve)
+        differs = _does_drag_differ(found, curve)
         if base is not None and not differs:
-            differs = drag_differs_over(base, models, backward, speed)
+            differs = does_drag_differ_over_blocks(base, models, backward, speed)
         if differs:
             curve = replace(curve, model=Model.DRAG)
-            found = _place_targets(read_wanted(curve.model), curve, sizes)
+            found = _find_blocks_for_targets(read_targets_by_model(curve.model), curve, sizes)
     return _build_set_design(conditions, block, curve, found, difference)
 
 
-def _is_empty(targets: Iterable[str | float]) -> bool:
+def _has_no_targets(targets: Iterable[str | float]) -> bool:
     """Tell whether no target is listed."""
     return isinstance(targets, Sized) and len(targets) == 0
 
@@ -172,7 +172,7 @@ def _get_route_or_default(route: MakingRoute | None) -> MakingRoute:
     return route
 
 
-def _read_model(model: str | None) -> Model | None:
+def _parse_model(model: str | None) -> Model | None:
     """Return the model that was asked for; None where the difference decides."""
     if model is None:
         return None
@@ -190,7 +190,7 @@ def _load_base(base: StimulusSet | str | Path | None) -> StimulusSet | None:
     return load_set(Path(base))
 
 
-def _choose_conditions(
+def _make_conditions_set(
     name: str,
     base: StimulusSet | None,
     prediction: Mapping[str, object] | None,
@@ -206,7 +206,7 @@ def _choose_conditions(
     stimuli = StimulusSet.declare(name, **declared)
     grid = stimuli.prediction
     if base is not None:
-        grid = _complete_conditions(base.prediction, grid)
+        grid = _override_base_conditions(base.prediction, grid)
     first: dict[str, object] = {
         "tip_radii": grid.tip_radii[:1],
         "normal_loads": grid.normal_loads[:1],
@@ -215,30 +215,32 @@ def _choose_conditions(
     return stimuli.model_copy(update={"prediction": grid.model_copy(update=first)})
 
 
-def _complete_conditions(of_base: PredictionGrid, stated: PredictionGrid) -> PredictionGrid:
+def _override_base_conditions(
+    base_grid: PredictionGrid, stated_grid: PredictionGrid
+) -> PredictionGrid:
     """Return the conditions of a base with what is stated in their place."""
-    if "frictions" in stated.model_fields_set and "friction" in (of_base.laws or {}):
+    if "frictions" in stated_grid.model_fields_set and "friction" in (base_grid.laws or {}):
         raise PipelineError(
             "prediction.frictions must not be given where the base declares laws.friction"
         )
-    completed = _replace_stated(of_base, stated)
+    completed = _replace_stated_fields(base_grid, stated_grid)
     if not completed.tip_radii:  # a base of tips alone
         return completed.model_copy(update={"tip_radii": (PAPER.ball_radius,)})
     return completed
 
 
-def _replace_stated(table: _T, stated: _T) -> _T:
+def _replace_stated_fields(table: _T, stated: _T) -> _T:
     """Replace the fields of a table that another one states, in the tables below it likewise."""
     changed: dict[str, object] = {}
     for name in stated.model_fields_set:
         value = getattr(stated, name)
         if isinstance(value, Table):
-            value = _replace_stated(getattr(table, name), value)
+            value = _replace_stated_fields(getattr(table, name), value)
         changed[name] = value
     return table.model_copy(update=changed)
 
 
-def _require_direction(backward: object, block: SizedBlock) -> None:
+def _check_drag_direction(backward: object, block: SizedBlock) -> None:
     """Refuse a drag backward over a step, down which nothing catches."""
     if not isinstance(backward, bool):
         raise PipelineError(f"backward must be True or False, got {shorten_value(backward)}")
@@ -250,14 +252,14 @@ def _require_direction(backward: object, block: SizedBlock) -> None:
         )
 
 
-def _place_targets(
+def _find_blocks_for_targets(
     targets: tuple[Target, ...], curve: EnergyCurve, sizes: SizeRange
 ) -> list[Placement | MissedTarget]:
     """Find a block for each target; of targets that round to one size the first has it."""
     taken: dict[float, Target] = {}
     found: list[Placement | MissedTarget] = []
     for target in targets:
-        placed = place_target(target, curve, sizes)
+        placed = find_block_for_target(target, curve, sizes)
         if isinstance(placed, Placement):
             earlier = taken.setdefault(placed.made_size, target)
             if earlier is not target:
@@ -268,13 +270,13 @@ def _place_targets(
     return found
 
 
-def _drag_differs(found: list[Placement | MissedTarget], curve: EnergyCurve) -> bool:
+def _does_drag_differ(found: list[Placement | MissedTarget], curve: EnergyCurve) -> bool:
     """Tell whether the drag over one of the blocks differs from the formula as `predict` says."""
     for placed in found:
         if not isinstance(placed, Placement):
             continue
         face = curve.block.make_face(placed.made_size)
-        energy = measure_drag_energy(face, curve.point, curve.backward)
+        energy = compute_drag_energy(face, curve.point, curve.backward)
         ratio = energy / curve.compute_energy(placed.made_size)
         if differs_from_formula(ratio):
             return True
@@ -286,7 +288,7 @@ def _build_set_design(
     block: SizedBlock,
     curve: EnergyCurve,
     found: list[Placement | MissedTarget],
-    difference: float,
+    jnd_db: float,
 ) -> SetDesign:
     """Make the set of the blocks that were found, and say what they give."""
     placements: list[Placement] = []
@@ -300,12 +302,14 @@ def _build_set_design(
         raise PipelineError(f"no target can be reached; {missed[0].describe()}")
     parts, felt = [], []
     for placed in placements:
-        part = block.make_part(placed.made_size, _name_block(block, placed))
+        part = block.make_part(placed.made_size, _format_block_name(block, placed))
         energy = curve.compute_energy(placed.made_size)
         parts.append(part)
         felt.append(Felt(part, part.counterface(), energy))
     stimuli = conditions.with_parts(parts)
-    spreads = draw_energies(felt, stimuli.prediction, curve.point, curve.backward, curve.model)
+    spreads = sample_block_energies(
+        felt, stimuli.prediction, curve.point, curve.backward, curve.model
+    )
     designed = []
     for placed, felt_block, spread in zip(placements, felt, spreads, strict=True):
         designed.append(_make_designed_block(placed, felt_block, spread, curve.point))
@@ -313,17 +317,17 @@ def _build_set_design(
     return SetDesign(
         stimuli=stimuli,
         blocks=tuple(designed),
-        neighbours=compare_neighbours(felt, spreads, difference),
+        neighbours=compare_neighbours(felt, spreads, jnd_db),
         missed=tuple(missed),
-        allowances=find_allowances(felt, curve.point, curve.backward, size, difference),
+        allowances=find_allowances(felt, curve.point, curve.backward, size, jnd_db),
         model=curve.model,
-        difference=difference,
+        difference=jnd_db,
         tool=curve.point.tool,
-        notes=_list_notes(curve, difference),
+        notes=_make_design_notes(curve, jnd_db),
     )
 
 
-def _name_block(block: SizedBlock, placed: Placement) -> str:
+def _format_block_name(block: SizedBlock, placed: Placement) -> str:
     """Name a block by its kind and size in micrometres, ``step-024p3``."""
     begin = "gap"
     if block.dimension == "height":
@@ -340,7 +344,7 @@ def _make_designed_block(
 ) -> DesignedBlock:
     """Return a block of the designed set, with what is felt of it."""
     low, high = np.quantile(spread.all, _TAILS, method="inverted_cdf")
-    level = compute_level(felt.energy, point.tool)
+    level = compute_level_db(felt.energy, point.tool)
     held_share = np.isinf(spread.making).mean()
     return DesignedBlock(
         id=felt.part.id,
@@ -357,7 +361,7 @@ def _make_designed_block(
     )
 
 
-def _list_notes(curve: EnergyCurve, difference: float) -> tuple[str, ...]:
+def _make_design_notes(curve: EnergyCurve, jnd_db: float) -> tuple[str, ...]:
     """Say by which model and under what the set was designed, and how far a JND is known."""
     point = curve.point
     column = "vibration_energy_uj"
@@ -372,6 +376,6 @@ def _list_notes(curve: EnergyCurve, difference: float) -> tuple[str, ...]:
         conditions += f" at {format_quantity(point.speed, 'speed')}"
     return (
         conditions,
-        f"a just noticeable difference is taken as {difference:g} dB; published ones lie within a "
+        f"a just noticeable difference is taken as {jnd_db:g} dB; published ones lie within a "
         "factor of two",
     )

@@ -66,28 +66,28 @@ def compute_threshold_energy(tool: Tool) -> float:
     return tool.detection_threshold * tool.ring_duration
 
 
-def compute_level(energy: float, tool: Tool) -> float:
+def compute_level_db(energy: float, tool: Tool) -> float:
     """Return the level of an energy [J] over the detection threshold [dB]."""
     return 10.0 * math.log10(energy / compute_threshold_energy(tool))
 
 
-def read_difference(difference: str | float | None) -> float:
+def read_jnd_db(jnd: str | float | None) -> float:
     """Read the just noticeable difference of energy [dB]; None for that of `LEVEL_DIFFERENCE`."""
-    if difference is None:
+    if jnd is None:
         return LEVEL_DIFFERENCE
-    level = _match_number(difference, _LEVEL)
+    level = _parse_number_by_pattern(jnd, _LEVEL)
     if level is None:
-        level = read_number("jnd", difference, "ratio")
+        level = read_number("jnd", jnd, "ratio")
     if not _LEAST_DIFFERENCE <= level <= _MOST_DIFFERENCE:
         raise PipelineError(
             f"jnd must be {_LEAST_DIFFERENCE:g} to {_MOST_DIFFERENCE:g} dB, got "
-            f"{shorten_value(difference)}"
+            f"{shorten_value(jnd)}"
         )
     return level
 
 
 def read_targets(
-    targets: Iterable[str | float], spacing: Spacing, difference: float, tool: Tool
+    targets: Iterable[str | float], spacing: Spacing, jnd_db: float, tool: Tool
 ) -> tuple[Target, ...]:
     """Read the targets of a set: those that are listed, or evenly spaced ones.
 
@@ -97,7 +97,7 @@ def read_targets(
         Energies [J] or ``"20 uJ"``, or levels over the detection threshold, ``"30 dB"``.
     spacing : Spacing
         Where none are listed.
-    difference : float
+    jnd_db : float
         Just noticeable difference [dB].
     tool : Tool
         Whose threshold levels refer to.
@@ -126,7 +126,7 @@ def read_targets(
             "give one of both"
         )
     if not listed:
-        return _space_targets(spacing, difference, tool)
+        return _make_evenly_spaced_targets(spacing, jnd_db, tool)
     if len(listed) > MOST_TARGETS:
         raise PipelineError(f"targets must be at most {MOST_TARGETS}, got {len(listed)}")
     read = []
@@ -137,7 +137,7 @@ def read_targets(
 
 def _read_target(name: str, raw: str | float, tool: Tool) -> Target:
     """Read an energy, or a level over the detection threshold."""
-    level = _match_number(raw, _LEVEL)
+    level = _parse_number_by_pattern(raw, _LEVEL)
     if level is not None:
         energy = compute_threshold_energy(tool) * 10.0 ** (0.1 * min(level, 1e3))
         wanted = f"{level:g} dB"
@@ -152,7 +152,7 @@ def _read_target(name: str, raw: str | float, tool: Tool) -> Target:
     return Target(energy, wanted)
 
 
-def _match_number(raw: object, pattern: re.Pattern[str]) -> float | None:
+def _parse_number_by_pattern(raw: object, pattern: re.Pattern[str]) -> float | None:
     """Read the number of a text of this pattern; None where it is none."""
     if not isinstance(raw, str) or len(raw) >= 64:
         return None
@@ -162,12 +162,12 @@ def _match_number(raw: object, pattern: re.Pattern[str]) -> float | None:
     return float(match[1])
 
 
-def _space_targets(spacing: Spacing, difference: float, tool: Tool) -> tuple[Target, ...]:
+def _make_evenly_spaced_targets(spacing: Spacing, jnd_db: float, tool: Tool) -> tuple[Target, ...]:
     """Space targets evenly in level."""
     if spacing.lowest is None:
         raise PipelineError("lowest must be given for evenly spaced targets, got none")
-    lowest = compute_level(_read_target("lowest", spacing.lowest, tool).energy, tool)
-    step, number = _find_level_step(spacing, lowest, difference, tool)
+    lowest = compute_level_db(_read_target("lowest", spacing.lowest, tool).energy, tool)
+    step, number = _find_level_step_and_count(spacing, lowest, jnd_db, tool)
     if number > MOST_TARGETS:
         raise PipelineError(f"targets must be at most {MOST_TARGETS}, got {number}")
     targets = []
@@ -182,8 +182,8 @@ def _space_targets(spacing: Spacing, difference: float, tool: Tool) -> tuple[Tar
     return tuple(targets)
 
 
-def _find_level_step(
-    spacing: Spacing, lowest: float, difference: float, tool: Tool
+def _find_level_step_and_count(
+    spacing: Spacing, lowest_db: float, jnd_db: float, tool: Tool
 ) -> tuple[float, int]:
     """Find the step [dB] and the number of evenly spaced targets from the lowest level [dB]."""
     given = [spacing.highest, spacing.number, spacing.apart]
@@ -191,23 +191,23 @@ def _find_level_step(
         raise PipelineError("two of highest, number and apart must be given beside lowest")
     number = spacing.number
     if number is not None:
-        _require_target_count(number)
+        _check_target_count(number)
     if spacing.highest is None:
         assert number is not None
-        return _read_jnd_distance(spacing.apart) * difference, number
-    highest = compute_level(_read_target("highest", spacing.highest, tool).energy, tool)
-    if not highest > lowest:
+        return _read_jnd_distance(spacing.apart) * jnd_db, number
+    highest = compute_level_db(_read_target("highest", spacing.highest, tool).energy, tool)
+    if not highest > lowest_db:
         raise PipelineError(
             f"highest must lie above lowest, got {shorten_value(spacing.highest)} and "
             f"{shorten_value(spacing.lowest)}"
         )
     if number is not None:
-        return (highest - lowest) / (number - 1), number
-    step = _read_jnd_distance(spacing.apart) * difference
-    return step, min(math.floor((highest - lowest) / step + _WHOLE), MOST_TARGETS) + 1
+        return (highest - lowest_db) / (number - 1), number
+    step = _read_jnd_distance(spacing.apart) * jnd_db
+    return step, min(math.floor((highest - lowest_db) / step + _WHOLE), MOST_TARGETS) + 1
 
 
-def _require_target_count(number: object) -> None:
+def _check_target_count(number: object) -> None:
     """Refuse a number of targets that is not whole or out of range."""
     is_whole = isinstance(number, int) and not isinstance(number, bool)
     if not is_whole or not 2 <= number <= MOST_TARGETS:  # type: ignore[operator]
@@ -218,7 +218,7 @@ def _require_target_count(number: object) -> None:
 
 def _read_jnd_distance(apart: str | float | None) -> float:
     """Read the distance of neighbouring targets in just noticeable differences [1]."""
-    distance = _match_number(apart, _DISTANCE)
+    distance = _parse_number_by_pattern(apart, _DISTANCE)
     if distance is None:
         distance = read_number("apart", apart, "ratio")
     if not 0.01 <= distance <= 1000.0:

@@ -17,7 +17,7 @@ from stepblocks.files.text import read_document
 from stepblocks.mistakes import Mistake, collect_mistakes, find_unknown_names, format_mistakes
 from stepblocks.parts.conditions import PredictionGrid
 from stepblocks.parts.kind import Part
-from stepblocks.predict.predictions import find_half_width, find_zone_middle
+from stepblocks.predict.predictions import compute_zone_half_width, compute_zone_middle
 from stepblocks.predict.sweep.plan import (
     DIRECTIONS,
     PARAMETERS,
@@ -55,7 +55,7 @@ def load_sweep(path: Path) -> SweepPlan:
     mistakes: list[Mistake] = []
     plan = None
     with collect_mistakes(mistakes):
-        plan = _PlanReader(document, path.parent, mistakes).read()
+        plan = _PlanReader(document, path.parent, mistakes).read_plan()
     if mistakes or plan is None:
         raise PipelineError(format_mistakes(mistakes, path))
     return plan
@@ -88,12 +88,12 @@ class _PlanReader:
     shares: dict[str, float] = field(default_factory=dict)
     limits: dict[str, float] = field(default_factory=lambda: dict(vars(PAPER.tool.limits)))
 
-    def read(self) -> SweepPlan:
+    def read_plan(self) -> SweepPlan:
         """Read section after section; the plan is not usable where a mistake was noted."""
         self._read_sections()
         self._read_choices()
         if "set" in self.head:
-            self._read_set()
+            self._take_over_set()
         elif "tolerances" in self.draws:
             self._note_mistake("[draws]", "tolerances are those of a set: name it with set")
         open_names = self._list_open_parameters()
@@ -113,7 +113,7 @@ class _PlanReader:
             points=points,
             draws=count,
             seed=seed,
-            rows_per_partition=self._read_partition_size(),
+            rows_per_partition=self._read_rows_per_partition(),
             values=self.values,
             ranges=self.ranges,
             spreads=self.spreads,
@@ -130,10 +130,10 @@ class _PlanReader:
     def _read_sections(self) -> None:
         """Take the sections apart and refuse names that none has."""
         self.mistakes += find_unknown_names(self.document, ("sweep", "parameters", "draws", "laws"))
-        self.head = _read_section(self.document, "sweep")
-        self.parameters = _read_section(self.document, "parameters")
-        self.draws = _read_section(self.document, "draws")
-        declared_laws = _read_section(self.document, "laws")
+        self.head = _get_section(self.document, "sweep")
+        self.parameters = _get_section(self.document, "parameters")
+        self.draws = _get_section(self.document, "draws")
+        declared_laws = _get_section(self.document, "laws")
         self.mistakes += find_unknown_names(self.head, _HEAD, "[sweep]")
         self.laws = declared_laws  # type: ignore[assignment]  # each is checked where it is built
 
@@ -152,7 +152,7 @@ class _PlanReader:
         self.mode = chosen["mode"]
         self.surface = chosen["surface"]
 
-    def _read_set(self) -> None:
+    def _take_over_set(self) -> None:
         """Take stimuli, conditions, limits, laws and tolerances from the set that is named."""
         if "surface" in self.head:
             raise PipelineError(
@@ -178,9 +178,9 @@ class _PlanReader:
         }
         self.limits = dict(vars(grid.as_tool().limits))
         if with_tolerances:
-            self._read_tolerances(grid)
+            self._read_setting_tolerances(grid)
 
-    def _read_tolerances(self, grid: PredictionGrid) -> None:
+    def _read_setting_tolerances(self, grid: PredictionGrid) -> None:
         """Take the tolerances of the setting: some are widths, some shares of the value."""
         half_widths = {name: width for name, width in grid.tolerances if width > 0.0}
         self.shares = convert_half_widths(half_widths)
@@ -199,7 +199,7 @@ class _PlanReader:
             dimensions = {"height", "edge_radius", "vertical_discrepancy"}
             taken = set(self.stimuli[0].values) | dimensions
         with collect_mistakes(self.mistakes, "[laws]"):
-            sections = {kind: _read_section(self.laws, kind) for kind in self.laws}
+            sections = {kind: _get_section(self.laws, kind) for kind in self.laws}
             build_laws(sections)
         # a law of friction gives the coefficient
         open_names = [name for name in names if name not in {*taken, *self.laws}]
@@ -294,16 +294,18 @@ class _PlanReader:
             self._note_mistake("[draws]", "standard uncertainties must not be negative")
         for name in self.spreads:
             self.shares.pop(name, None)
-            if not self._can_be_drawn(name):
+            if not self._is_parameter_drawable(name):
                 self._note_mistake(
                     "[draws]", f"{name} cannot be drawn about a value that is not given"
                 )
 
-    def _can_be_drawn(self, name: str) -> bool:
+    def _is_parameter_drawable(self, parameter: str) -> bool:
         """Tell whether a parameter has a value, and one that is a number, to draw about."""
-        if name == "direction" or name in self.laws:
+        if parameter == "direction" or parameter in self.laws:
             return False
-        has_value = name in self.values or name in self.ranges or name in self.parameters
+        has_value = (
+            parameter in self.values or parameter in self.ranges or parameter in self.parameters
+        )
         return bool(self.stimuli) or has_value
 
     def _read_seed(self) -> int:
@@ -315,7 +317,7 @@ class _PlanReader:
             return 0
         return seed  # type: ignore[return-value]
 
-    def _read_partition_size(self) -> int:
+    def _read_rows_per_partition(self) -> int:
         """Read the number of rows in one file of the result."""
         declared = self.head.get("rows_per_partition", _ROWS_OF_PARTITION[self.mode])
         size = 1
@@ -324,7 +326,7 @@ class _PlanReader:
         return size
 
 
-def _read_section(document: Section, name: str) -> dict[str, object]:
+def _get_section(document: Section, name: str) -> dict[str, object]:
     """Take a table of a document by its name; empty where it has none."""
     table = document.get(name, {})
     if not isinstance(table, dict):
@@ -387,17 +389,19 @@ def read_swept_set(set_path: Path, part_ids: object, with_tolerances: bool) -> S
     """
     declared = load_set(set_path)
     known = {part.id: part for part in declared.stimuli}
-    parts = _choose_parts(known, part_ids, set_path)
+    parts = _choose_parts_by_id(known, part_ids, set_path)
     surface = _find_common_surface(parts, set_path)
     tool = declared.prediction.as_tool()
     stimuli = [_make_sweep_stimulus(part, surface, with_tolerances, tool) for part in parts]
     return SweptSet(surface, stimuli, declared.prediction)
 
 
-def _choose_parts(known: Mapping[str, Part], identities: object, path: Path) -> list[Part]:
+def _choose_parts_by_id(
+    parts_by_id: Mapping[str, Part], identities: object, path: Path
+) -> list[Part]:
     """Choose parts of a set by their identities; None for all that a tip crosses."""
     if identities is None:
-        return [part for part in known.values() if part.crossed]
+        return [part for part in parts_by_id.values() if part.crossed]
     refusal = f"stimulus must be a list of identities, got {identities!r} [parameters]"
     if not isinstance(identities, list) or not identities:
         raise PipelineError(refusal)
@@ -405,15 +409,15 @@ def _choose_parts(known: Mapping[str, Part], identities: object, path: Path) -> 
         raise PipelineError(refusal)
     parts = []
     for name in identities:
-        if name not in known:
+        if name not in parts_by_id:
             raise PipelineError(f"stimulus must be declared in {path}, got {name!r} [parameters]")
-        parts.append(known[name])
+        parts.append(parts_by_id[name])
     return parts
 
 
 def _find_common_surface(parts: list[Part], path: Path) -> str:
     """Find the surface that all parts have; several, or one of another kind, are refused."""
-    surfaces = set(map(_find_surface, parts))
+    surfaces = set(map(_get_surface_or_kind, parts))
     if len(surfaces) != 1:
         found = ", ".join(sorted(surfaces)) or "none"
         raise PipelineError(
@@ -426,7 +430,7 @@ def _find_common_surface(parts: list[Part], path: Path) -> str:
     return surface
 
 
-def _find_surface(part: Part) -> str:
+def _get_surface_or_kind(part: Part) -> str:
     """Find the surface whose dimensions a part has, or else the kind of the part."""
     if not part.is_felt:
         return part.kind_name
@@ -455,8 +459,8 @@ def _make_sweep_stimulus(
         dimension = part.sizes[name]
         values[column] = dimension.nominal
         if with_tolerances:
-            values[column] = find_zone_middle(dimension)
-            half_widths[column] = find_half_width(dimension)
+            values[column] = compute_zone_middle(dimension)
+            half_widths[column] = compute_zone_half_width(dimension)
     face = dict(vars(part.counterface()))
     for name in columns:
         face.pop(name, None)

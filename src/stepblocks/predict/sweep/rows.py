@@ -15,7 +15,7 @@ from stepblocks.contact.energy import Release, Status, find_release
 from stepblocks.contact.laws import build_laws
 from stepblocks.contact.operating_point import Limits, OperatingPoint, Tissue, Tool
 from stepblocks.errors import ContactError
-from stepblocks.predict.predictions import drag_in_time
+from stepblocks.predict.predictions import drag_and_measure_ring
 from stepblocks.predict.sweep.plan import DIRECTIONS, PARAMETERS, SURFACES, SweepPlan
 
 Column = Array | NDArray[np.int64] | NDArray[np.str_] | NDArray[np.object_]
@@ -48,67 +48,67 @@ _STATUS_TYPE = "U16"  # as long as the longest status
 _SIGNED = ("horizontal_discrepancy", "vertical_discrepancy")
 
 
-def compute_table(plan: SweepPlan, rows: range) -> pa.Table:
+def compute_sweep_table(plan: SweepPlan, row_numbers: range) -> pa.Table:
     """Compute rows; one outside the equations has its reason in ``problem``, and no figures."""
-    inputs = draw_inputs(plan, rows)
+    inputs = sample_row_inputs(plan, row_numbers)
     laws = build_laws(plan.laws)
     if "friction" in laws:
         law = laws["friction"]
         loads = inputs["normal_load"].tolist()
         coefficients = [law.coefficient(0.0, load, 0.0, 0.0) for load in loads]
         inputs["friction"] = np.array(coefficients)
-    is_backward = inputs.get("direction", np.zeros(len(rows))) > 0.0
-    columns = _list_input_columns(plan, rows, inputs, is_backward)
-    columns |= _predict_rows(plan, inputs, is_backward, laws)
+    is_backward = inputs.get("direction", np.zeros(len(row_numbers))) > 0.0
+    columns = _make_input_columns(plan, row_numbers, inputs, is_backward)
+    columns |= _predict_result_columns(plan, inputs, is_backward, laws)
     if plan.mode == "drag":
-        columns |= _drag_rows(plan, inputs, is_backward, columns, laws)
+        columns |= _drag_rows_and_record_problems(plan, inputs, is_backward, columns, laws)
     arrays = {}
     for name, column in columns.items():
         is_text = column.dtype.kind in "UO"
         if is_text:
-            arrays[name] = _encode_texts(column)
+            arrays[name] = _encode_text_column(column)
         else:
             arrays[name] = pa.array(column)
     return pa.table(arrays)
 
 
-def _list_input_columns(
-    plan: SweepPlan, rows: range, inputs: Inputs, is_backward: NDArray[np.bool_]
+def _make_input_columns(
+    plan: SweepPlan, row_numbers: range, inputs: Inputs, is_backward: NDArray[np.bool_]
 ) -> dict[str, Column]:
     """List the columns that say which row it is and what was required of it."""
-    numbers = np.arange(rows.start, rows.stop)
+    numbers = np.arange(row_numbers.start, row_numbers.stop)
     columns: dict[str, Column] = {"row": numbers, "draw": numbers % plan.draws}
     if plan.stimuli:
         identities = np.array([stimulus.id for stimulus in plan.stimuli])
         columns["stimulus"] = identities[inputs["stimulus"].astype(int)]
-    nothing = np.full(len(rows), math.nan)
+    nothing = np.full(len(row_numbers), math.nan)
     for name, (dimension, _) in PARAMETERS[plan.surface].items():
         if dimension in _UNITS:
             unit = _UNITS[dimension]
-            columns[name + unit.suffix] = _convert_input(inputs.get(name, nothing), unit)
+            columns[name + unit.suffix] = _convert_to_column_unit(inputs.get(name, nothing), unit)
     if plan.surface == "margin":
         columns["drag"] = np.array(DIRECTIONS)[is_backward.astype(int)]
     return columns
 
 
-def _convert_input(values: Array, unit: _ColumnUnit) -> Array:
+def _convert_to_column_unit(values: Array, unit: _ColumnUnit) -> Array:
     """Convert an input [SI] into the unit of its column, its decimals as they were written."""
     if unit.per_si == 1.0:
         return values
     return np.round(values * unit.per_si, _DECIMALS)
 
 
-def _encode_texts(column: Column) -> pa.Array:
+def _encode_text_column(column: Column) -> pa.Array:
     """Hand over texts by their codes: most of a column are alike."""
     codes, names = pd.factorize(column.astype(object))
     return pa.DictionaryArray.from_arrays(codes, list(names)).cast(pa.string())
 
 
-def draw_inputs(plan: SweepPlan, rows: range) -> dict[str, Array]:
+def sample_row_inputs(plan: SweepPlan, row_numbers: range) -> dict[str, Array]:
     """Draw the inputs [SI] of neighbouring rows, by name; NaN where a part lacks the size."""
-    points = np.arange(rows.start, rows.stop) // plan.draws
-    uniform = _draw_design(plan, points)
-    inputs, places_left = _place_parameters(plan, points, uniform)
+    points = np.arange(row_numbers.start, row_numbers.stop) // plan.draws
+    uniform = _sample_design_numbers(plan, points)
+    inputs, places_left = _compute_point_parameters(plan, points, uniform)
     spreads: dict[str, Array] = {}
     if plan.stimuli:
         which = places_left
@@ -119,28 +119,28 @@ def draw_inputs(plan: SweepPlan, rows: range) -> dict[str, Array]:
         for stimulus in plan.stimuli:
             of_values.append(stimulus.values)
             of_spreads.append(stimulus.spreads)
-        inputs |= _list_stimulus_columns(of_values, which, math.nan)
-        spreads = _list_stimulus_columns(of_spreads, which, 0.0)
+        inputs |= _make_stimulus_columns(of_values, which, math.nan)
+        spreads = _make_stimulus_columns(of_spreads, which, 0.0)
     for name, spread in plan.spreads.items():
-        spreads[name] = np.full(len(rows), spread)
+        spreads[name] = np.full(len(row_numbers), spread)
     for name, share in plan.shares.items():
         spreads[name] = share * inputs[name]
     if spreads:
-        _draw_within_tolerances(plan, rows, spreads, inputs)
+        _add_tolerance_deviations(plan, row_numbers, spreads, inputs)
     return inputs
 
 
-def _draw_design(plan: SweepPlan, points: NDArray[np.int64]) -> Array:
+def _sample_design_numbers(plan: SweepPlan, points: NDArray[np.int64]) -> Array:
     """Draw uniform numbers, shape (rows, parameters + 1), equal for draws of one point."""
     columns = len(PARAMETERS[plan.surface]) + 1
     first, last = int(points[0]), int(points[-1])
-    drawn = _draw_uniform(plan.seed, _DESIGN, range(first, last + 1), columns)
+    drawn = _sample_uniform_by_row(plan.seed, _DESIGN, range(first, last + 1), columns)
     if plan.draws == 1:
         return drawn
     return drawn[points - first]
 
 
-def _place_parameters(
+def _compute_point_parameters(
     plan: SweepPlan, points: NDArray[np.int64], uniform: Array
 ) -> tuple[dict[str, Array], NDArray[np.int64]]:
     """Return parameters of each point, and its place along the axes that are left for stimuli."""
@@ -159,14 +159,14 @@ def _place_parameters(
     return inputs, places_left
 
 
-def _draw_within_tolerances(
-    plan: SweepPlan, rows: range, spreads: Inputs, inputs: dict[str, Array]
+def _add_tolerance_deviations(
+    plan: SweepPlan, row_numbers: range, spreads: Inputs, inputs: dict[str, Array]
 ) -> None:
     """Add to the inputs what normal distributions of these standard deviations give."""
     from scipy.special import ndtri
 
     names = list(PARAMETERS[plan.surface])
-    uniform = _draw_uniform(plan.seed, _TOLERANCES, rows, len(names))
+    uniform = _sample_uniform_by_row(plan.seed, _TOLERANCES, row_numbers, len(names))
     for name, spread in spreads.items():
         if name not in inputs:
             continue
@@ -176,18 +176,20 @@ def _draw_within_tolerances(
         inputs[name] = drawn
 
 
-def _draw_uniform(seed: int, stream: int, rows: range, columns: int) -> Array:
+def _sample_uniform_by_row(seed: int, stream: int, row_numbers: range, column_count: int) -> Array:
     """Draw numbers between 0 and 1, shape (rows, columns), each by the number of its row."""
-    blocks = -(-columns // 4)  # the generator counts in blocks of four
+    blocks = -(-column_count // 4)  # the generator counts in blocks of four
     generator = np.random.Philox(key=np.array([seed, stream], dtype=np.uint64))
-    generator.advance(rows.start * blocks)
-    raw = generator.random_raw(4 * blocks * len(rows)).reshape(len(rows), -1)[:, :columns]
+    generator.advance(row_numbers.start * blocks)
+    raw = generator.random_raw(4 * blocks * len(row_numbers)).reshape(len(row_numbers), -1)[
+        :, :column_count
+    ]
     # 53 bits of each, in the middle of their cell: neither 0 nor 1 is drawn
     return ((raw >> np.uint64(11)).astype(np.float64) + 0.5) * 2.0**-53
 
 
-def _list_stimulus_columns(
-    records: Sequence[Mapping[str, float]], which: NDArray[np.int64], missing: float
+def _make_stimulus_columns(
+    records: Sequence[Mapping[str, float]], stimulus_indices: NDArray[np.int64], missing: float
 ) -> dict[str, Array]:
     """Make a column of each figure of the stimuli for rows that name a stimulus by its index."""
     names: dict[str, None] = {}
@@ -196,11 +198,11 @@ def _list_stimulus_columns(
     columns = {}
     for name in names:
         figures = np.array([record.get(name, missing) for record in records])
-        columns[name] = figures[which]
+        columns[name] = figures[stimulus_indices]
     return columns
 
 
-def _predict_rows(
+def _predict_result_columns(
     plan: SweepPlan, inputs: Inputs, is_backward: NDArray[np.bool_], laws: Mapping[str, Any]
 ) -> dict[str, Column]:
     """Predict all rows inside the equations at once, and the others one by one."""
@@ -208,13 +210,13 @@ def _predict_rows(
     status = np.full(count, "invalid", dtype=_STATUS_TYPE)
     problem = np.full(count, "", dtype=object)
     angle, force = np.full(count, math.nan), np.full(count, math.nan)
-    is_inside = _find_rows_in_domain(plan.surface, inputs)
+    is_inside = _mark_rows_in_domain(plan.surface, inputs)
     if plan.stimuli:
         # sides of a scan are not level: their angle is found by dilation, one by one
         is_scanned = np.array(["crown_slope" in stimulus.face for stimulus in plan.stimuli])
         is_inside &= ~is_scanned[inputs["stimulus"].astype(int)]
     try:
-        release = _compute_releases(plan, inputs, is_backward, is_inside)
+        release = _compute_releases_in_domain(plan, inputs, is_backward, is_inside)
         status[is_inside] = release.status
         angle[is_inside] = release.angle
         force[is_inside] = release.pull_force
@@ -222,7 +224,7 @@ def _predict_rows(
         is_inside = np.zeros(count, dtype=bool)
     for row in np.flatnonzero(~is_inside):
         try:
-            face, point = _make_condition(plan, inputs, int(row), laws)
+            face, point = _make_face_and_point(plan, inputs, int(row), laws)
             found = face.release(point, bool(is_backward[row]))
         except ContactError as error:
             problem[row] = str(error)
@@ -242,7 +244,7 @@ def _predict_rows(
     }
 
 
-def _find_rows_in_domain(surface: str, inputs: Inputs) -> NDArray[np.bool_]:
+def _mark_rows_in_domain(surface: str, inputs: Inputs) -> NDArray[np.bool_]:
     """Tell for each row whether all of its inputs lie where the equations hold."""
     is_inside = np.ones(len(inputs["friction"]), dtype=bool)
     for name in ("tip_radius", "normal_load", "stiffness", "conversion"):
@@ -256,7 +258,7 @@ def _find_rows_in_domain(surface: str, inputs: Inputs) -> NDArray[np.bool_]:
     return is_inside
 
 
-def _compute_releases(
+def _compute_releases_in_domain(
     plan: SweepPlan,
     inputs: Inputs,
     is_backward: NDArray[np.bool_],
@@ -283,7 +285,7 @@ def _compute_releases(
     return find_release(angle, load, friction, Tool(limits=Limits(**plan.limits)))
 
 
-def _make_condition(
+def _make_face_and_point(
     plan: SweepPlan, inputs: Inputs, row: int, laws: Mapping[str, Any]
 ) -> tuple[Counterface, OperatingPoint]:
     """Make counterface and operating point of one row."""
@@ -328,7 +330,7 @@ def _make_counterface(surface: str, sizes: Mapping[str, float]) -> Counterface:
     return Margin(**margin)
 
 
-def _drag_rows(
+def _drag_rows_and_record_problems(
     plan: SweepPlan,
     inputs: Inputs,
     is_backward: NDArray[np.bool_],
@@ -345,9 +347,9 @@ def _drag_rows(
         figures[name] = np.full(len(status), math.nan)
     is_dragged = np.isin(status, [str(Status.RELEASES), str(Status.LOCKED)])
     for row in np.flatnonzero(is_dragged):
-        face, point = _make_condition(plan, inputs, int(row), laws)
+        face, point = _make_face_and_point(plan, inputs, int(row), laws)
         try:
-            trace, ring = drag_in_time(
+            trace, ring = drag_and_measure_ring(
                 face,
                 point,
                 bool(is_backward[row]),

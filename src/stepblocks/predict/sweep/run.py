@@ -19,7 +19,7 @@ from stepblocks.errors import PipelineError
 from stepblocks.files.claim import FolderClaim
 from stepblocks.files.figures import Axes, take_axes
 from stepblocks.files.store import FolderStore, ResultStore, open_store
-from stepblocks.predict.renamed_columns import suggest_column
+from stepblocks.predict.renamed_columns import format_renamed_column_hint
 from stepblocks.predict.sweep.plan import SweepPlan
 from stepblocks.predict.sweep.read import load_sweep
 from stepblocks.quantities import format_column_label, format_units
@@ -76,7 +76,7 @@ class SweepResult:
         known = _open_partition(store, 0).schema_arrow.names
         for name in columns or ():
             if name not in known:
-                hint = suggest_column(name, known)
+                hint = format_renamed_column_hint(name, known)
                 raise PipelineError(f"columns must be of {', '.join(known)}, got {name!r}{hint}")
         partitions = []
         for number in range(self.plan.partition_count):
@@ -164,7 +164,7 @@ def run_sweep(
         If the plan cannot be read, the folder belongs to another one, pyarrow is not installed, a
         process was ended from outside, or the cluster or the object store cannot be used.
     """
-    _require_jobs(jobs)
+    _check_job_count(jobs)
     if not isinstance(plan, SweepPlan | str | Path):
         raise PipelineError(f"plan must be a SweepPlan or a path, got {type(plan).__name__}")
     if not isinstance(plan, SweepPlan):
@@ -175,13 +175,13 @@ def run_sweep(
     if partitions is not None:
         share = f"-{wanted.start}-{wanted.stop}"
     with store.hold_share(share):
-        _make_claim(plan).claim_folder(store)
+        _make_folder_claim(plan).claim_folder(store)
         missing = [number for number in wanted if not _is_partition_complete(plan, number, store)]
         for number in missing:
             # a damaged file is ours, whatever it holds: the plan beside it says so
-            store.remove(_name_partition(number))
+            store.remove(_format_partition_name(number))
         with open_cluster(on, jobs) as client:
-            for number in _write_partitions(plan, missing, store, jobs, client):
+            for number in _iterate_written_partitions(plan, missing, store, jobs, client):
                 if on_partition is not None:
                     on_partition(number)
     folder: Path | str = store.location
@@ -202,7 +202,7 @@ def _choose_partitions(plan: SweepPlan, partitions: range | None) -> range:
     return partitions
 
 
-def _write_partitions(
+def _iterate_written_partitions(
     plan: SweepPlan,
     numbers: Sequence[int],
     store: ResultStore,
@@ -212,25 +212,27 @@ def _write_partitions(
     """Write partitions here or on a cluster; yield the number of each when it is there."""
     if isinstance(store, FolderStore):
         store = FolderStore(store.folder.absolute())
-    if client is None or _reaches_workers(store, client):
+    if client is None or _can_workers_reach_store(store, client):
         calls = ((plan, number, store) for number in numbers)
         yield from run_calls(write_partition, calls, jobs=jobs, on=client, in_order=False)
         return
     calls_elsewhere = ((plan, number) for number in numbers)
-    computed = run_calls(compute_partition, calls_elsewhere, jobs=jobs, on=client, in_order=False)
+    computed = run_calls(
+        compute_partition_file, calls_elsewhere, jobs=jobs, on=client, in_order=False
+    )
     for number, content in computed:
-        store.write(_name_partition(number), content)
+        store.write(_format_partition_name(number), content)
         yield number
 
 
-def _reaches_workers(store: ResultStore, client: "Client") -> bool:
+def _can_workers_reach_store(store: ResultStore, client: "Client") -> bool:
     """Tell whether workers of a cluster write where this process does."""
     if isinstance(store, FolderStore):
         return is_folder_shared(client, store.folder)
     return True
 
 
-def _require_jobs(jobs: object) -> None:
+def _check_job_count(jobs: object) -> None:
     """Refuse a number of processes that is not a whole number above 0."""
     is_whole = isinstance(jobs, int) and not isinstance(jobs, bool)
     if not is_whole or not 1 <= jobs <= _MOST_JOBS:  # type: ignore[operator]
@@ -240,20 +242,20 @@ def _require_jobs(jobs: object) -> None:
 
 def write_partition(plan: SweepPlan, number: int, store: ResultStore) -> int:
     """Compute one partition and put its file in place; return its number."""
-    _, content = compute_partition(plan, number)
-    store.write(_name_partition(number), content)
+    _, content = compute_partition_file(plan, number)
+    store.write(_format_partition_name(number), content)
     return number
 
 
-def compute_partition(plan: SweepPlan, number: int) -> tuple[int, bytes]:
+def compute_partition_file(plan: SweepPlan, number: int) -> tuple[int, bytes]:
     """Compute one partition; return its number and the bytes of its file."""
-    from stepblocks.predict.sweep.rows import compute_table
+    from stepblocks.predict.sweep.rows import compute_sweep_table
 
-    table = compute_table(plan, _list_rows(plan, number))
-    return number, _format_parquet(table)
+    table = compute_sweep_table(plan, _get_partition_rows(plan, number))
+    return number, _encode_parquet(table)
 
 
-def _list_rows(plan: SweepPlan, number: int) -> range:
+def _get_partition_rows(plan: SweepPlan, number: int) -> range:
     """List the numbers of the rows of a partition."""
     first = number * plan.rows_per_partition
     return range(plan.row_count)[first : first + plan.rows_per_partition]
@@ -262,18 +264,18 @@ def _list_rows(plan: SweepPlan, number: int) -> range:
 def _is_partition_complete(plan: SweepPlan, number: int, store: ResultStore) -> bool:
     """Tell whether a partition is there, and to the byte what is written for its rows."""
     try:
-        content = store.read(_name_partition(number))
+        content = store.read(_format_partition_name(number))
         if content is None:
             return False
         table = pq.ParquetFile(pa.BufferReader(content), page_checksum_verification=True).read()
     except (OSError, ValueError, pa.ArrowException):
         return False
-    if table.num_rows != len(_list_rows(plan, number)):
+    if table.num_rows != len(_get_partition_rows(plan, number)):
         return False
-    return _format_parquet(table) == content
+    return _encode_parquet(table) == content
 
 
-def _format_parquet(table: pa.Table) -> bytes:
+def _encode_parquet(table: pa.Table) -> bytes:
     """Write a table as the bytes of its file."""
     stream = io.BytesIO()
     columns_of_texts = [field.name for field in table.schema if field.type == "string"]
@@ -287,7 +289,7 @@ def _format_parquet(table: pa.Table) -> bytes:
     return stream.getvalue()
 
 
-def _make_claim(plan: SweepPlan) -> FolderClaim:
+def _make_folder_claim(plan: SweepPlan) -> FolderClaim:
     """Return what claims the folder of a sweep."""
     record = {"schema": 1, "digest": plan.digest, "rows": plan.row_count, "plan": asdict(plan)}
     return FolderClaim(
@@ -302,7 +304,7 @@ def _make_claim(plan: SweepPlan) -> FolderClaim:
 
 def _open_partition(store: ResultStore, number: int) -> pq.ParquetFile:
     """Open a partition for reading; one that is gone is an error that names it."""
-    name = _name_partition(number)
+    name = _format_partition_name(number)
     gone = f"partition is gone: run the sweep again [{store.location}/{name}]"
     if isinstance(store, FolderStore):
         path = store.folder / name
@@ -315,6 +317,6 @@ def _open_partition(store: ResultStore, number: int) -> pq.ParquetFile:
     return pq.ParquetFile(pa.BufferReader(content))
 
 
-def _name_partition(number: int) -> str:
+def _format_partition_name(number: int) -> str:
     """Name the file of a partition."""
     return f"part-{number:08d}.parquet"

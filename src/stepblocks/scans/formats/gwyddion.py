@@ -48,39 +48,39 @@ class GwyddionReader(SurfaceTopographyReader):
     def __init__(self) -> None:
         super().__init__("gwy", (".gwy",))
 
-    def prepare(self, path: Path) -> str | io.BytesIO:
+    def prepare_input(self, path: Path) -> str | io.BytesIO:
         """Give the metre to fields that state no unit."""
-        filled = _fill_units(path)
+        filled = _fill_unstated_units(path)
         if not filled.unstated:
             return str(path)
         return io.BytesIO(filled.content)
 
     def find_unstated_axes(self, path: Path, channel: "ChannelInfo") -> frozenset[str]:
         """Find the axes of a field for which the file states no unit."""
-        return _fill_units(path).unstated.get(channel.tags["index"], frozenset())
+        return _fill_unstated_units(path).unstated.get(channel.tags["index"], frozenset())
 
 
-def _fill_units(path: Path) -> _FilledFile:
+def _fill_unstated_units(path: Path) -> _FilledFile:
     """Read a file and state metres wherever a field states no unit."""
     raw = path.read_bytes()
     if not raw.startswith(_MARK):
         raise ValueError("no GWYP at its begin")
-    name, body, _ = _split_object(raw, len(_MARK))
+    name, body, _ = _read_object_at(raw, len(_MARK))
     items = []
     unstated: dict[int, frozenset[str]] = {}
-    for item in _yield_items(body):
-        number = _find_field_number(item)
+    for item in _iterate_items(body):
+        number = _parse_field_number(item)
         if number is None:
             items.append(item)
             continue
-        axes, filled = _fill_field(item)
+        axes, filled = _fill_units_of_field(item)
         items.append(filled)
         if axes:
             unstated[number] = axes
-    return _FilledFile(_MARK + _join_object(name, items), unstated)
+    return _FilledFile(_MARK + _encode_object(name, items), unstated)
 
 
-def _find_field_number(item: _Item) -> int | None:
+def _parse_field_number(item: _Item) -> int | None:
     """Return the number of a field of heights, from a name such as ``/0/data``; else None."""
     parts = item.name.split(b"/")
     is_field = len(parts) == 3 and parts[0] == b"" and parts[2] == b"data"
@@ -89,90 +89,90 @@ def _find_field_number(item: _Item) -> int | None:
     return int(parts[1])
 
 
-def _fill_field(item: _Item) -> tuple[frozenset[str], _Item]:
+def _fill_units_of_field(item: _Item) -> tuple[frozenset[str], _Item]:
     """State metres in a field; return the axes for which it states no unit, and the field."""
-    name, body, _ = _split_object(item.payload, 0)
+    name, body, _ = _read_object_at(item.payload, 0)
     if name != _FIELD:
         return frozenset(), item
-    items = list(_yield_items(body))
+    items = list(_iterate_items(body))
     axes: set[str] = set()
     for which, unit_name in _UNIT_NAMES.items():
         stated = [entry for entry in items if entry.name == unit_name]
-        if stated and _read_unit(stated[0]):
+        if stated and _get_stated_unit(stated[0]):
             continue
         axes.update(_AXES[which])
         items = [entry for entry in items if entry.name != unit_name]
         items.append(_Item(unit_name, b"o", _METRE))
-    return frozenset(axes), item._replace(payload=_join_object(name, items))
+    return frozenset(axes), item._replace(payload=_encode_object(name, items))
 
 
-def _read_unit(item: _Item) -> bytes:
+def _get_stated_unit(item: _Item) -> bytes:
     """Return the unit that an object of units states, empty where it states none."""
     if item.kind != b"o":
         return b""
-    _, body, _ = _split_object(item.payload, 0)
-    for entry in _yield_items(body):
+    _, body, _ = _read_object_at(item.payload, 0)
+    for entry in _iterate_items(body):
         if entry.name == b"unitstr" and entry.kind == b"s":
             return entry.payload.rstrip(b"\0").strip()
     return b""
 
 
-def _yield_items(body: bytes) -> Iterator[_Item]:
+def _iterate_items(object_bytes: bytes) -> Iterator[_Item]:
     """Yield the items of an object."""
     begin = 0
-    while begin < len(body):
-        name, begin = _read_name(body, begin)
-        kind = body[begin : begin + 1]
-        end = _find_end(body, begin + 1, kind)
-        if end > len(body):
+    while begin < len(object_bytes):
+        name, begin = _read_name_at(object_bytes, begin)
+        kind = object_bytes[begin : begin + 1]
+        end = _find_value_end(object_bytes, begin + 1, kind)
+        if end > len(object_bytes):
             raise _make_truncation_error()
-        yield _Item(name, kind, body[begin + 1 : end])
+        yield _Item(name, kind, object_bytes[begin + 1 : end])
         begin = end
 
 
-def _find_end(body: bytes, begin: int, kind: bytes) -> int:
+def _find_value_end(body: bytes, value_begin: int, kind: bytes) -> int:
     """Find where a value that begins at a byte ends."""
     if kind in _ITEM_BYTES:
-        return begin + _ITEM_BYTES[kind]
+        return value_begin + _ITEM_BYTES[kind]
     if kind == b"s":
-        return _read_name(body, begin)[1]
+        return _read_name_at(body, value_begin)[1]
     if kind == b"o":
-        return _split_object(body, begin)[2]
-    count = _read_size(body, begin)
-    end = begin + 4
+        return _read_object_at(body, value_begin)[2]
+    count = _read_size_at(body, value_begin)
+    end = value_begin + 4
     if kind in _ARRAY_BYTES:
         return end + count * _ARRAY_BYTES[kind]
     if kind not in (b"S", b"O"):
         raise ValueError(f"a value of the kind {kind!r}")
     for _ in range(count):
         item_kind = kind.lower()
-        end = _find_end(body, end, item_kind)
+        end = _find_value_end(body, end, item_kind)
     return end
 
 
-def _split_object(body: bytes, begin: int) -> tuple[bytes, bytes, int]:
+def _read_object_at(body: bytes, object_begin: int) -> tuple[bytes, bytes, int]:
     """Return name and content of an object that begins at a byte, and where it ends."""
-    name, begin = _read_name(body, begin)
-    size = _read_size(body, begin)
-    end = begin + 4 + size
+    name, object_begin = _read_name_at(body, object_begin)
+    size = _read_size_at(body, object_begin)
+    end = object_begin + 4 + size
     if end > len(body):
         raise _make_truncation_error()
-    return name, body[begin + 4 : end], end
+    return name, body[object_begin + 4 : end], end
 
 
-def _read_name(body: bytes, begin: int) -> tuple[bytes, int]:
+def _read_name_at(body: bytes, name_begin: int) -> tuple[bytes, int]:
     """Return a text that ends in a zero, and where the next byte stands."""
-    end = body.find(b"\0", begin)
+    end = body.find(b"\0", name_begin)
     if end < 0:
         raise _make_truncation_error()
-    return body[begin:end], end + 1
+    return body[name_begin:end], end + 1
 
 
-def _read_size(body: bytes, begin: int) -> int:
+def _read_size_at(body: bytes, size_begin: int) -> int:
     """Read a 32-bit size at a byte; refuse a file that is cut short."""
-    if begin + 4 > len(body):
+    if size_begin + 4 > len(body):
         raise _make_truncation_error()
-    return int(struct.unpack_from("<I", body, begin)[0])
+    return int(struct.unpack_from("<I", body, size_begin)[0])
 
 
 def _make_truncation_error() -> ValueError:
@@ -180,7 +180,7 @@ def _make_truncation_error() -> ValueError:
     return ValueError("a file that is cut short")
 
 
-def _join_object(name: bytes, items: list[_Item]) -> bytes:
+def _encode_object(name: bytes, items: list[_Item]) -> bytes:
     """Write an object with its items."""
     parts = [item.name + b"\0" + item.kind + item.payload for item in items]
     body = b"".join(parts)

@@ -24,7 +24,7 @@ class NanoFocusReader(SurfaceTopographyReader):
     def __init__(self) -> None:
         super().__init__("nms", (".nms",))
 
-    def remove_missing(self, stored: Array, channel: "ChannelInfo") -> None:
+    def blank_missing_heights(self, stored: Array, channel: "ChannelInfo") -> None:
         """Remove what lies more than half a count above the upper end."""
         ends = channel.info["raw_metadata"]
         lowest = ends["zmin"]

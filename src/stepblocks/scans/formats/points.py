@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from stepblocks.scans.formats.reader import LoadedScan, ReadOptions, ScanReader
-from stepblocks.scans.points import read_points
+from stepblocks.scans.points import read_points_as_map
 from stepblocks.scans.units import parse_units
 
 
@@ -17,4 +17,4 @@ class PointReader(ScanReader):
 
     def read(self, path: Path, request: ReadOptions) -> LoadedScan:
         """Read points as a map on the grid that they lie on."""
-        return LoadedScan(read_points(path, parse_units(request.unit)))
+        return LoadedScan(read_points_as_map(path, parse_units(request.unit)))

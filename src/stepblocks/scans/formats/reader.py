@@ -99,13 +99,13 @@ class ScanReader(ABC):
         return read_height_scale(path, self.form, channel)
 
 
-def check_points(shape: Sequence[int], place: str) -> None:
+def check_point_count(shape: Sequence[int], place: str) -> None:
     """Refuse a scan of more points than memory is meant to hold."""
     if int(np.prod(shape)) > _MOST_POINTS:
         raise MetrologyError(f"scan must have at most {_MOST_POINTS} points, got {shape} [{place}]")
 
 
-def check_archive(path: Path) -> None:
+def check_unpacked_size(path: Path) -> None:
     """Refuse a zip bomb by its directory, before anything is unpacked."""
     with zipfile.ZipFile(path) as archive:
         sizes = [entry.file_size for entry in archive.infolist()]

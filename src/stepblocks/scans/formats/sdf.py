@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stepblocks.scans.formats.reader import LoadedScan, ReadOptions, ScanReader, check_points
+from stepblocks.scans.formats.reader import LoadedScan, ReadOptions, ScanReader, check_point_count
 from stepblocks.scans.scan import HeightMap, ScannedProfile
 
 _SCALE = "ISO 25178-71: heights in metres"
@@ -21,7 +21,7 @@ class SdfReader(ScanReader):
         import sdfio
 
         found = sdfio.read(str(path))
-        check_points(found.data.shape, path.name)
+        check_point_count(found.data.shape, path.name)
         header = found.header
         height = np.atleast_2d(found.data)
         count = abs(header.z_scale)

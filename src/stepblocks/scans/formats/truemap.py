@@ -15,7 +15,7 @@ class TrueMapReader(SurfaceTopographyReader):
     def __init__(self) -> None:
         super().__init__("tmd", (".tmd",))
 
-    def prepare(self, path: Path) -> str | io.BytesIO:
+    def prepare_input(self, path: Path) -> str | io.BytesIO:
         """Make the comment as long as SurfaceTopography takes it to be."""
         raw = path.read_bytes()
         comment, _, content = raw[_HEAD_BYTES:].partition(b"\0")

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stepblocks.scans.formats.reader import LoadedScan, ReadOptions, ScanReader, check_points
-from stepblocks.scans.points import grid_points
+from stepblocks.scans.formats.reader import LoadedScan, ReadOptions, ScanReader, check_point_count
+from stepblocks.scans.points import make_map_from_points
 from stepblocks.scans.scan import Array, HeightMap, ScannedProfile
 
 if TYPE_CHECKING:
@@ -26,14 +26,14 @@ class X3pReader(ScanReader):
         """Read a profile, a map, or a cloud of points on the grid that they lie on."""
         import x3pio
 
-        check_points(x3pio.info(str(path)).shape, path.name)
+        check_point_count(x3pio.info(str(path)).shape, path.name)
         layer = x3pio.read(str(path)).layers[0]
         if layer.z.ndim == 1 and isinstance(layer, x3pio.ProfileLayer):
-            return LoadedScan(_make_profile(layer, path.name))
-        return LoadedScan(_make_map(layer, path.name))
+            return LoadedScan(_make_profile_of_layer(layer, path.name))
+        return LoadedScan(_make_map_of_layer(layer, path.name))
 
 
-def _make_profile(layer: "ProfileLayer", source: str) -> ScannedProfile:
+def _make_profile_of_layer(layer: "ProfileLayer", source: str) -> ScannedProfile:
     """Make a profile of a layer."""
     position = layer.x
     if position is None:
@@ -41,7 +41,7 @@ def _make_profile(layer: "ProfileLayer", source: str) -> ScannedProfile:
     return ScannedProfile(position, layer.z, source, _SCALE, _get_count_height(layer))
 
 
-def _make_map(layer: "Layer", source: str) -> HeightMap:
+def _make_map_of_layer(layer: "Layer", source: str) -> HeightMap:
     """Make a map of a layer, of a cloud of points by the grid that they lie on."""
     dx = layer.header.x.increment
     dy = layer.header.y.increment
@@ -49,11 +49,11 @@ def _make_map(layer: "Layer", source: str) -> HeightMap:
     if layer.x is None and dx is not None and dy is not None:
         return HeightMap(layer.z, dx, dy, source, _SCALE, count)
     # a cloud of points, or absolute axes
-    x, y, z = map(_flatten, (layer.x, layer.y, layer.z))
-    return replace(grid_points(x, y, z, source, _SCALE), count=count)
+    x, y, z = map(_flatten_to_floats, (layer.x, layer.y, layer.z))
+    return replace(make_map_from_points(x, y, z, source, _SCALE), count=count)
 
 
-def _flatten(values: object) -> Array:
+def _flatten_to_floats(values: object) -> Array:
     """Return values as one row of float64, shape (n,)."""
     return np.ravel(np.asarray(values, dtype=np.float64))
 

@@ -16,8 +16,8 @@ from stepblocks.declaration.read import load_set
 from stepblocks.declaration.select import matches_pattern
 from stepblocks.declaration.set import StimulusSet
 from stepblocks.errors import PipelineError, QuantityError, StudyError
-from stepblocks.predict.perception import choose_energies
-from stepblocks.predict.predictions import predict_drag
+from stepblocks.predict.perception import choose_compared_energies
+from stepblocks.predict.predictions import predict_single_drag
 from stepblocks.quantities import read_array
 from stepblocks.study.columns import Row
 
@@ -165,7 +165,7 @@ class Blocks:
 
 def _predict_vibration_energies(faces: Iterable[Counterface], point: OperatingPoint) -> list[float]:
     """Return the energy of vibration that each block gives [J]."""
-    energies, _ = choose_energies([predict_drag(face, point) for face in faces])
+    energies, _ = choose_compared_energies([predict_single_drag(face, point) for face in faces])
     return list(energies)
 
 
