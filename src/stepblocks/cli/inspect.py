@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from stepblocks.cli.command import command
+from stepblocks.cli.command import register_command
 from stepblocks.cli.options import (
     Numbers,
     Stimuli,
@@ -28,7 +28,7 @@ app = typer.Typer()
 _EVALUATION, _INSTRUMENT = "Evaluation of the scan", "Instrument"
 
 
-@command(
+@register_command(
     app,
     "inspect",
     "inspect scan.x3p --stimulus step-050 --calibration '0.1 %' -o out",

@@ -14,7 +14,7 @@ from pydantic import FailFast, Field, InstanceOf, ValidationError, create_model,
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.contact.rod import RodRing
 from stepblocks.declaration.series import MAX_SERIES, expand_series, merge_tables
-from stepblocks.declaration.write import format_set
+from stepblocks.declaration.write import format_set_as_toml
 from stepblocks.errors import StepblocksError, StimulusError
 from stepblocks.files.atomic import replace_text
 from stepblocks.mistakes import (
@@ -187,7 +187,7 @@ class StimulusSet(Table):
         """
         if path is not None and not isinstance(path, str | Path):
             raise StimulusError(f"path must be that of a file, got {shorten_value(path)}")
-        text = format_set(self, self.name, self.stimuli)
+        text = format_set_as_toml(self, self.name, self.stimuli)
         if path is None:
             return text
         if Path(path).stem != self.name:
@@ -259,7 +259,7 @@ class StimulusSet(Table):
         return sentences
 
     @model_validator(mode="after")
-    def _complete_conditions(self) -> Self:
+    def _add_conditions_of_paper(self) -> Self:
         """Add tips and steps of the paper that parts need and a declaration leaves out."""
         additions: dict[str, tuple[float, ...]] = {}
         if not self.prediction.tip_radii and any(part.ball is None for part in self.stimuli):
@@ -272,13 +272,13 @@ class StimulusSet(Table):
         return self
 
     @make_rules_validator
-    def _check_parts_suit_the_conditions(self) -> Iterator[str]:
+    def _yield_set_breaches(self) -> Iterator[str]:
         """Yield what parts and conditions of the set lack for each other."""
         declared = [part.id for part in self.stimuli]
         for name in self.order.quantities:
             if name not in declared:
                 yield f"order.quantities must name parts of the set, got {name!r}"
-        for name in _list_repeats(declared):
+        for name in _list_repeated_names(declared):
             yield (
                 f"id must be unique in its set, got {name!r} twice; in a series it names what "
                 f"varies, such as '{name}-{{height_um:03}}'"
@@ -296,7 +296,7 @@ class StimulusSet(Table):
                 return
 
 
-def _list_repeats(names: Sequence[str]) -> list[str]:
+def _list_repeated_names(names: Sequence[str]) -> list[str]:
     """List names as often as they repeat an earlier one, by their first appearance."""
     repeated: list[str] = []
     for name, count in Counter(names).items():
@@ -381,7 +381,7 @@ def make_set_from_tables(
     StimulusError
         With all mistakes: name, rule, value and place.
     """
-    _expand_kinds(raw, folder, mistakes)
+    _expand_stanzas_of_kinds(raw, folder, mistakes)
     total = sum(len(raw.get(kind, ())) for kind in list_kinds())
     if total > MAX_SERIES:
         raise StimulusError(f"a set must have at most {MAX_SERIES} stimuli, got {total} [{place}]")
@@ -416,7 +416,7 @@ def _resolve_felt_tolerances(stimuli: StimulusSet, place: object) -> StimulusSet
     return stimuli.with_parts(parts)
 
 
-def _expand_kinds(raw: dict[str, Any], folder: Path, mistakes: list[Mistake]) -> None:
+def _expand_stanzas_of_kinds(raw: dict[str, Any], folder: Path, mistakes: list[Mistake]) -> None:
     """Replace the stanzas of each kind by what they stand for, at most one more than a set holds.
 
     Mistakes are added to the list.
@@ -444,10 +444,10 @@ def _locate_stanza(declared: Mapping[str, Any], location: Location) -> tuple[str
     stanza: Part | Mapping[str, object] = {}
     if number < len(stanzas):  # there is none where the name of the kind was corrected
         stanza = stanzas[number]
-    return f"{kind} {shorten_value(_name_stanza(stanza, number + 1))}", tuple(inner)
+    return f"{kind} {shorten_value(_get_stanza_identity(stanza, number + 1))}", tuple(inner)
 
 
-def _name_stanza(stanza: Part | Mapping[str, object], otherwise: object) -> object:
+def _get_stanza_identity(stanza: Part | Mapping[str, object], otherwise: object) -> object:
     """Return the identity of a stanza, or what stands for it where it has none."""
     if isinstance(stanza, Part):
         return stanza.id
@@ -468,7 +468,7 @@ def _expand_stanzas(
         if isinstance(stanza, Part):
             yield stanza
             continue
-        place = f"{kind} {shorten_value(_name_stanza(stanza, f'number {number}'))}"
+        place = f"{kind} {shorten_value(_get_stanza_identity(stanza, f'number {number}'))}"
         try:
             for member in expand_series(merge_tables(defaults, stanza)):
                 yield from list_kinds()[kind].expand_stanza(member, folder)

@@ -116,7 +116,7 @@ class Watch:
     def _wait_for_deadline(self) -> None:
         """End the process when the time is over; the kernel sees to all else."""
         if not self._stopped.wait(max(self._deadline - time.monotonic(), 0.0)):
-            self._end(Breach.TIME)
+            self._kill_process(Breach.TIME)
 
     def _watch_usage(self, seen: "psutil.Process", computed_before: float) -> None:
         """End the process when it has used too much time or memory, or hides what it uses."""
@@ -125,15 +125,15 @@ class Watch:
                 computed = _sum_processor_time(seen) - computed_before
                 is_late = time.monotonic() > self._deadline
                 if is_late or computed > self._processor_seconds:
-                    self._end(Breach.TIME)
+                    self._kill_process(Breach.TIME)
                     return
                 if seen.memory_info().rss > MEMORY:
-                    self._end(Breach.MEMORY)
+                    self._kill_process(Breach.MEMORY)
                     return
         except Exception:  # it has ended, or the system does not tell
             self._process.kill()
 
-    def _end(self, breach: Breach) -> None:
+    def _kill_process(self, breach: Breach) -> None:
         """Note what limit was breached, and kill the process."""
         self.breach = breach
         self._process.kill()

@@ -18,10 +18,10 @@ __all__ = [
     "FILL_VALUES",
     "DeclaredMissing",
     "FillFound",
-    "blank_fill_values",
     "describe_missing",
     "is_missing_word",
     "list_missing_words",
+    "replace_fill_values_by_nan",
 ]
 
 # as R, BIDS, pandas, spreadsheets, SAS and instruments write it; in small letters
@@ -96,7 +96,7 @@ class DeclaredMissing:
         for cell in cells:
             is_missing = self._decided.get(cell)
             if is_missing is None:
-                is_missing = self._decided[cell] = self._matches(cell)
+                is_missing = self._decided[cell] = self._is_declared_missing(cell)
             if is_missing:
                 self._counts[cell] = self._counts.get(cell, 0) + 1
                 cell = ""
@@ -108,15 +108,15 @@ class DeclaredMissing:
         note = describe_missing(list(self._counts), sum(self._counts.values()), "")
         return [note] if note else []
 
-    def _matches(self, cell: str) -> bool:
+    def _is_declared_missing(self, cell: str) -> bool:
         """Tell whether a cell is a declared word, or a declared number in any form."""
         if cell in self._words:
             return True
         try:
-            value = np.float64(self._notation.parse(cell))
+            value = np.float64(self._notation.parse_number(cell))
         except ValueError:
             return False
-        return any(bool(_match_fill(value, number)) for number in self._numbers)
+        return any(bool(_mask_fill_value(value, number)) for number in self._numbers)
 
 
 def describe_missing(found: Sequence[str], count: int, place: str) -> str:
@@ -156,7 +156,7 @@ def is_missing_word(text: str) -> bool:
     return text.strip().strip('"').strip().lower() in _WORDS
 
 
-def blank_fill_values(
+def replace_fill_values_by_nan(
     values: NDArray[np.float64], declared: Sequence[float] | None = None
 ) -> FillFound:
     """Put NaN in place of the values that fill the gaps of a column.
@@ -178,13 +178,13 @@ def blank_fill_values(
     present = []
     is_fill = np.zeros(values.shape, dtype=bool)
     for candidate in candidates:
-        found = _match_fill(values, candidate)
+        found = _mask_fill_value(values, candidate)
         if found.any():
             present.append(candidate)
             is_fill |= found
     if present and declared is None:
         present = _choose_outlying_fills(values[~is_fill], present)
-        is_fill = _match_fills(values, present)
+        is_fill = _mask_fill_values(values, present)
     if not present:
         return FillFound(values)
     blanked = np.where(is_fill, np.nan, values)
@@ -200,15 +200,15 @@ def _choose_outlying_fills(rest: NDArray[np.float64], present: Sequence[float]) 
     return [fill for fill in present if abs(fill) > _STANDS_OUT * largest]
 
 
-def _match_fills(values: NDArray[np.float64], fills: Sequence[float]) -> NDArray[np.bool_]:
+def _mask_fill_values(values: NDArray[np.float64], fills: Sequence[float]) -> NDArray[np.bool_]:
     """Return a mask of the numbers that equal one of some fill values."""
     is_fill = np.zeros(values.shape, dtype=bool)
     for fill in fills:
-        is_fill |= _match_fill(values, fill)
+        is_fill |= _mask_fill_value(values, fill)
     return is_fill
 
 
-def _match_fill(values: NDArray[np.float64] | np.float64, fill: float) -> NDArray[np.bool_]:
+def _mask_fill_value(values: NDArray[np.float64] | np.float64, fill: float) -> NDArray[np.bool_]:
     """Return a mask of the numbers that equal a fill value; a huge one may be rounded."""
     if abs(fill) < _HUGE:
         return np.asarray(values == fill)

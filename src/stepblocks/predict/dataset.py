@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pandas as pd
 
 from stepblocks.errors import PipelineError
-from stepblocks.files.figures import take_axes
+from stepblocks.files.figures import get_or_make_axes
 from stepblocks.predict.renamed_columns import find_column, rename_old_columns, suggest_column
 from stepblocks.predict.table import list_input_columns
 from stepblocks.quantities import format_column_label, format_units
@@ -131,7 +131,7 @@ def plot_predictions(
             known = ", ".join(map(str, table.columns))
             hint = suggest_column(name, table.columns)
             raise PipelineError(f"{name!r} must be a column of the table: {known}{hint}")
-    axes = take_axes(ax)
+    axes = get_or_make_axes(ax)
     drawn = {x, y, "stimulus", *_HEIGHTS}
     conditions = [name for name in _find_varying(table) if name not in drawn]
     for label, rows in _group_by_conditions(table, conditions):

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from stepblocks.errors import MetrologyError
 from stepblocks.files.decode import decode_text
 from stepblocks.files.layout import UNDECLARED, TableLayout
-from stepblocks.files.missing import FillFound, blank_fill_values
+from stepblocks.files.missing import FillFound, replace_fill_values_by_nan
 from stepblocks.files.tables import Table
 from stepblocks.scans.columns import Columns, choose_columns, find_column_unit
 from stepblocks.scans.points import grid_points
@@ -222,8 +222,8 @@ def _refuse_infinite(table: NumberTable, columns: Columns) -> None:
 def _find_missing_heights(table: NumberTable, heights: Array) -> FillFound:
     """Find the heights that stand for a missing one: as declared, or those that stand out."""
     if table.missing is None:
-        return blank_fill_values(heights)
-    return blank_fill_values(heights, table.missing.numbers)
+        return replace_fill_values_by_nan(heights)
+    return replace_fill_values_by_nan(heights, table.missing.numbers)
 
 
 def _make_map_of_points(axes: Mapping[str, _Axis], scale: str, source: str) -> HeightMap:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 
-from stepblocks.artefacts.step.write import write_conforming
+from stepblocks.artefacts.step.write import write_conforming_step
 from stepblocks.files.atomic import replace_text
 from stepblocks.files.pages import render_page
 from stepblocks.parts.apparatus.component import Component
@@ -104,7 +104,7 @@ def write_kit_setup_sheet_and_stock(folder: Path, part: KitPart) -> list[Path]:
     replace_text(page, text)
     solid = folder / f"{part.id}.stock.step"
     name = f"{part.id}-stock"
-    write_conforming(solid, name, [(name, stock.build_solid())], part.material, [])
+    write_conforming_step(solid, name, [(name, stock.build_solid())], part.material, [])
     return [page, solid]
 
 
