@@ -291,8 +291,8 @@ def _read_object_array(array: "NDArray[np.object_]", dimension: str) -> "NDArray
     return read
 
 
-def _convert_pint_quantity(quantity: Any, unit: str, wanted: str) -> float:
-    """Return a quantity of Pint in a unit; `wanted` begins the message where it is of another."""
+def _convert_pint_quantity(quantity: Any, unit: str, message_start: str) -> float:
+    """Return a quantity of Pint in a unit; `message_start` begins the message of a refusal."""
     try:
         magnitude = float(quantity.magnitude)
         if unit == "K":  # a scale of temperature has an offset beside the size of its degree
@@ -300,7 +300,7 @@ def _convert_pint_quantity(quantity: Any, unit: str, wanted: str) -> float:
         factor = float((1.0 * quantity.units).to(unit or "dimensionless").magnitude)
     except _list_unit_errors() as error:
         shown = " ".join(str(quantity).split())
-        raise QuantityError(f"{wanted}, got {shown:.60}") from error
+        raise QuantityError(f"{message_start}, got {shown:.60}") from error
     return multiply_by_unit(magnitude, factor)
 
 
@@ -312,28 +312,30 @@ def _check_dimension(dimension: object) -> None:
         raise QuantityError(f"dimension must be one of {known}, got {shown:.60}")
 
 
-def _convert_ratio_to_float(number: float, wanted: str) -> float:
+def _convert_ratio_to_float(number: float, message_start: str) -> float:
     """Return a ratio that was given as a number; a whole one may be beyond the largest double."""
     try:
         return float(number)
     except OverflowError as error:
-        raise QuantityError(f"{wanted} and finite, got a whole number of many digits") from error
+        raise QuantityError(
+            f"{message_start} and finite, got a whole number of many digits"
+        ) from error
 
 
 @lru_cache(maxsize=4096)  # the stanzas of a series share all but a few of their texts
-def _parse_text_with_unit(text: str, unit: str, wanted: str) -> float:
+def _parse_text_with_unit(text: str, unit: str, message_start: str) -> float:
     """Parse a text with a unit, and return its number in `unit`.
 
-    `wanted` begins the message of a refusal.
+    `message_start` begins the message of a refusal.
     """
     if len(text) > _MAX_TEXT:
-        raise QuantityError(f"{wanted}, got {text[: _MAX_TEXT - 3] + '...'!r}")
+        raise QuantityError(f"{message_start}, got {text[: _MAX_TEXT - 3] + '...'!r}")
     parsed = _QUANTITY.fullmatch(text)
     if parsed is None or (unit and not parsed[2]):
         hint = ""
         if "," in text and _QUANTITY.fullmatch(text.replace(",", ".", 1)):
             hint = " (the decimal sign is a point)"
-        raise QuantityError(f"{wanted}, got {text!r}{hint}")
+        raise QuantityError(f"{message_start}, got {text!r}{hint}")
     number = float(parsed[1])
     size = COMMON_SIZES.get(unit, {}).get(parsed[2])
     if size is not None:
@@ -343,7 +345,7 @@ def _parse_text_with_unit(text: str, unit: str, wanted: str) -> float:
             number, parsed[2] or "dimensionless", unit or "dimensionless"
         )
     except _list_unit_errors() as error:
-        raise QuantityError(f"{wanted}, got {text!r}") from error
+        raise QuantityError(f"{message_start}, got {text!r}") from error
 
 
 def _convert_number_between_units(number: float, written: str, unit: str) -> float:

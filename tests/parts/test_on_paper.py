@@ -143,7 +143,7 @@ def test_a_real_of_part_21_has_a_point(roughness):
         "#1 = (LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.));\n#2 = "
         "FLATNESS_TOLERANCE('',$,#3,#4);\n"
     )
-    text = mended(shape + "#5 = (GEOMETRIC_REPRESENTATION_CONTEXT(3));\n", texture=roughness)
+    text = mended(shape + "#5 = (GEOMETRIC_REPRESENTATION_CONTEXT(3));\n", roughness=roughness)
     (real,) = re.findall(r"'Ra',LENGTH_MEASURE\((.*?)\)", text)
     assert re.fullmatch(r"[-+]?\d+\.\d*(E[-+]?\d+)?", real)
     assert float(real) == pytest.approx(roughness * 1e3, rel=1e-12)
@@ -198,7 +198,7 @@ def test_notes_and_texture_need_something_to_belong_to():
     with pytest.raises(MachiningError, match="notes must have a product"):
         mended("#1 = A();\n", notes=[("a", "b")])
     with pytest.raises(MachiningError, match="surface texture must have faces"):
-        mended("#1 = A();\n", texture=0.1e-6)
+        mended("#1 = A();\n", roughness=0.1e-6)
 
 
 def test_every_kind_of_part_has_texts_that_part_21_may_hold():

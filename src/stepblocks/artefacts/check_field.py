@@ -31,9 +31,9 @@ class _Axis:
     origin: float
     spacing: float
 
-    def list_positions(self, count: int) -> Heights:
+    def list_positions(self, sample_count: int) -> Heights:
         """List the positions of so many samples [m]."""
-        return np.asarray(self.origin + self.spacing * np.arange(count), dtype=np.float64)
+        return np.asarray(self.origin + self.spacing * np.arange(sample_count), dtype=np.float64)
 
 
 @dataclass(frozen=True)

@@ -82,7 +82,7 @@ def _read_covariate(table: TextTable, column: str) -> dict[str, Condition]:
     cells = table.get_cells(index)
     if table.holds_numbers(index):
         found = table.require_numbers(index, BenchError)
-        warn_of_notes(filter(None, [found.describe(column)]), table.file)
+        warn_of_notes(filter(None, [found.describe_missing_values(column)]), table.file)
         if not found.count and NumberNotation().parse_column(cells) is not None:
             return {}
         return {column: Condition(column, pd.Series(found.values))}

@@ -132,7 +132,7 @@ def _judge_prediction_table(stimuli: "StimulusSet", output: Path, name: str) -> 
     return Verdict(path.name, "lines that differ from the prediction", 0.0, wrong, 0.0, "count")
 
 
-def _count_different_lines(wanted: str, found: str) -> int:
+def _count_different_lines(wanted_csv: str, found_csv: str) -> int:
     """Count the lines in which two tables differ.
 
     Figures may differ by one in their last digit, which a last bit can turn on another processor.
@@ -140,7 +140,7 @@ def _count_different_lines(wanted: str, found: str) -> int:
     from stepblocks.predict.columns import agree_to_last_digit
 
     count = 0
-    rows = zip_longest(csv.reader(wanted.splitlines()), csv.reader(found.splitlines()))
+    rows = zip_longest(csv.reader(wanted_csv.splitlines()), csv.reader(found_csv.splitlines()))
     for wanted_row, found_row in rows:
         cells = zip_longest(wanted_row or [], found_row or [], fillvalue="")
         if not all(agree_to_last_digit(one_cell, other_cell) for one_cell, other_cell in cells):

@@ -430,10 +430,12 @@ def _replace_manifest(folder: Path, manifest: Manifest) -> None:
         _remove_stale_files(folder, replaced.outputs, manifest.outputs)
 
 
-def _remove_stale_files(output: Path, before: Mapping[str, str], now: Mapping[str, str]) -> None:
+def _remove_stale_files(
+    output: Path, hashes_before: Mapping[str, str], hashes_now: Mapping[str, str]
+) -> None:
     """Remove unchanged files of the last build that this one does not write, and empty folders."""
-    for name in sorted(set(before) - set(now), reverse=True):
-        path = find_unaltered_file(output, name, before[name])
+    for name in sorted(set(hashes_before) - set(hashes_now), reverse=True):
+        path = find_unaltered_file(output, name, hashes_before[name])
         if path is None:
             continue
         path.unlink()

@@ -273,18 +273,18 @@ def tessellate(body: Body, choose_deflection: Callable[[Face], float]) -> Tessel
     return Tessellation(points[first], triangles[has_extent], owner[has_extent], described)
 
 
-def _mesh_faces(body: Body, faces: Sequence[cq.Face], errors: Sequence[float]) -> None:
+def _mesh_faces(body: Body, faces: Sequence[cq.Face], chordal_errors: Sequence[float]) -> None:
     """Let the kernel mesh each face with its own chordal error [m], edges with the least."""
     BRepTools.Clean_s(body.wrapped)
     parameters = IMeshTools_Parameters()
-    parameters.Deflection = min(errors) * _MM
+    parameters.Deflection = min(chordal_errors) * _MM
     parameters.Angle = _WIDE_ANGLE
     parameters.AngleInterior = _WIDE_ANGLE
     parameters.Relative = False
     parameters.InParallel = False
     parameters.AllowQualityDecrease = False
     parameters.MinSize = _SMALLEST_TRIANGLE
-    for face, error in zip(faces, errors, strict=True):
+    for face, error in zip(faces, chordal_errors, strict=True):
         parameters.DeflectionInterior = error * _MM
         BRepMesh_IncrementalMesh(face.wrapped, parameters)
 

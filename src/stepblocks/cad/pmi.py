@@ -359,10 +359,10 @@ def _find_common_edge(face: Body, second_face: Body) -> Body:
     return max(common, key=lambda edge: float(edge.Length()))
 
 
-def _get_enum_member(kind: str, name: str) -> Any:
+def _get_enum_member(enum_name: str, member_name: str) -> Any:
     """Find a member of an enumeration of the kernel by its kind and its own name."""
-    enumeration = getattr(XCAFDimTolObjects, f"XCAFDimTolObjects_{kind}")
-    return getattr(enumeration, f"XCAFDimTolObjects_{kind}_{name}")
+    enumeration = getattr(XCAFDimTolObjects, f"XCAFDimTolObjects_{enum_name}")
+    return getattr(enumeration, f"XCAFDimTolObjects_{enum_name}_{member_name}")
 
 
 def _attach_callout(
@@ -403,11 +403,11 @@ def _make_kernel_point(point: Point) -> gp_Pnt:
     return gp_Pnt(x * _MM, y * _MM, z * _MM)
 
 
-def _get_label_attribute(label: TDF_Label, kind: type) -> Any:
+def _get_label_attribute(label: TDF_Label, attribute_type: type) -> Any:
     """Find the attribute of a label itself: FindAttribute of the bindings fills a detached copy."""
     iterator = TDF_AttributeIterator(label)
     while iterator.More():
-        if iterator.Value().DynamicType().Name() == kind.__name__:
+        if iterator.Value().DynamicType().Name() == attribute_type.__name__:
             return iterator.Value()
         iterator.Next()
-    raise SolidError(f"the kernel must give a label its {kind.__name__}")
+    raise SolidError(f"the kernel must give a label its {attribute_type.__name__}")

@@ -105,7 +105,7 @@ def new(
         if file.name == "session.toml":
             folder = file.parent
         place = folder / "session.toml"
-        text, then = compose_starter_file(kind, folder)
+        text, then = compose_starter_text_and_command(kind, folder)
         if plan is not None:
             rehearse = partial(_rehearse_plan, count=rehearsals, jobs=jobs, on=on, quiet=quiet)
             return _write_planned_session(folder, plan, rehearse, then, force=force)
@@ -114,7 +114,7 @@ def new(
         place = file or Path(f"my-{kind}.toml")
         if place.name:
             place = place.with_suffix(".toml")
-        text, then = compose_starter_file(kind, place)
+        text, then = compose_starter_text_and_command(kind, place)
         texts = {place: text}
     _write_new_files(texts, force=force)
     return Outcome(
@@ -217,7 +217,7 @@ def _copy_shipped_stimuli(folder: Path, *, force: bool) -> Outcome:
 _STIMULI = ("block", "crown", "tip", "study")  # kinds that begin a stimulus file
 
 
-def compose_starter_file(kind: str, place: Path) -> tuple[str, str]:
+def compose_starter_text_and_command(kind: str, place: Path) -> tuple[str, str]:
     """Return the text of a file to begin with, and the command that takes it.
 
     Below it stands, commented out, what its kinds leave to their defaults.

@@ -20,7 +20,7 @@ from stepblocks.cli.outcome import (
 )
 from stepblocks.errors import PipelineError
 from stepblocks.files.layout import TableLayout
-from stepblocks.files.store import names_object_store
+from stepblocks.files.store import is_object_store_address
 
 Function = Callable[..., Outcome]
 
@@ -206,24 +206,24 @@ def _takes_folder(parameter: inspect.Parameter | None) -> bool:
 
 
 def _list_output_and_input_paths(
-    values: Mapping[str, object],
+    option_values: Mapping[str, object],
 ) -> tuple[dict[str, Path], list[Path]]:
     """List the places that a command writes to, by their options, and those that it reads from.
 
     Parameters
     ----------
-    values : mapping
+    option_values : mapping
         The values of its options and arguments by their names.
     """
     outputs: dict[str, Path] = {}
     for name in _OUTPUTS:
-        value = values.get(name)
-        if name == "output" and isinstance(value, str) and not names_object_store(value):
+        value = option_values.get(name)
+        if name == "output" and isinstance(value, str) and not is_object_store_address(value):
             value = Path(value)
         if isinstance(value, Path):
             outputs[f"--{name.replace('_', '-')}"] = value
     inputs: list[Path] = []
-    for name, value in values.items():
+    for name, value in option_values.items():
         if name in _OUTPUTS or name == _PICTURES:
             continue
         paths = value if isinstance(value, list) else [value]

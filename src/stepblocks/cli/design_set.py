@@ -31,10 +31,10 @@ _SETTING = "How the conditions are held"
 _NOT_KNOWN = "0"  # tolerance of a condition that is left out
 
 
-def _make_length_option(name: str, what: str, default: str) -> OptionInfo:
+def _make_length_option(name: str, help_text: str, default: str) -> OptionInfo:
     """Return an option of the route of making: a text that is read with the declaration."""
     option: OptionInfo = typer.Option(
-        name, metavar="LENGTH", help=what, show_default=default, rich_help_panel=_ROUTE
+        name, metavar="LENGTH", help=help_text, show_default=default, rich_help_panel=_ROUTE
     )
     return option
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from stepblocks.build.manifest import hash_file
 from stepblocks.errors import PipelineError, ReadingWarning
 from stepblocks.files.atomic import protect_files, replace_text
-from stepblocks.files.progress import PROGRESS_FILE, ProgressStep, append_step
+from stepblocks.files.progress import PROGRESS_FILE, ProgressStep, append_progress_step
 from stepblocks.quantities import format_column, format_column_label, format_units
 
 if TYPE_CHECKING:
@@ -292,7 +292,7 @@ def _make_step_writer(label: str, path: Path) -> Callable[..., None]:
         if now - last_time < _LEAST_PERIOD and done != total:
             return
         last_time = now
-        append_step(path, ProgressStep(done, total, f"{label} {name}".rstrip()))
+        append_progress_step(path, ProgressStep(done, total, f"{label} {name}".rstrip()))
 
     return write_step
 
@@ -477,19 +477,19 @@ def _is_same_file(first: Path, second: Path) -> bool:
         return False
 
 
-def _find_output_folder(place: Path) -> Path:
+def _find_output_folder(output: Path) -> Path:
     """Return the folder that a place names; of a file, written or to be written, its folder."""
-    is_file = place.is_file() or (place.suffix and not place.is_dir())
+    is_file = output.is_file() or (output.suffix and not output.is_dir())
     if is_file:
-        return place.parent
-    return place
+        return output.parent
+    return output
 
 
-def _list_output_files(place: Path) -> list[Path]:
+def _list_output_files(output: Path) -> list[Path]:
     """List the files at a place, but for our own note of what was written there."""
-    paths = [place]
-    if place.is_dir():
-        paths = list(place.rglob("*"))
+    paths = [output]
+    if output.is_dir():
+        paths = list(output.rglob("*"))
     return [path for path in paths if path.is_file() and path.name != _MEMORY]
 
 

@@ -139,13 +139,13 @@ class _PredictionOptions:
     discrimination: "Discrimination"
 
 
-def _choose_speed(given: float | None) -> float:
+def _choose_speed(given_speed: float | None) -> float:
     """Return the speed of the handle [m/s], by default the paper's."""
     from stepblocks.contact.operating_point import PAPER
 
-    if given is None:
+    if given_speed is None:
         return PAPER.speed
-    return given
+    return given_speed
 
 
 def _refuse_perception(perception: Path | None, discrimination: Path | None) -> None:

@@ -46,13 +46,13 @@ def parse_names(text: str) -> Names:
     return found
 
 
-def parse_name_value_pairs(text: str, form: str = "name=value") -> dict[str, str]:
+def parse_name_value_pairs(text: str, expected_form: str = "name=value") -> dict[str, str]:
     """Read name=value, separated by commas."""
     pairs = {}
     for part in split_at_commas(text):
         name, _, value = part.partition("=")
         if not name or not value:
-            raise ValueError(f"must be {form}, separated by commas, got {text!r:.60}")
+            raise ValueError(f"must be {expected_form}, separated by commas, got {text!r:.60}")
         pairs[name] = value
     return pairs
 

@@ -71,10 +71,10 @@ def _describe_missing_argument(argument: Path) -> str:
     return f"expected {_describe_expected_argument(argument)}{suggestion}"
 
 
-def matches_pattern(only: str, set_name: str, identity: str) -> bool:
+def matches_pattern(pattern: str, set_name: str, identity: str) -> bool:
     """Tell whether a pattern, ``step-02?`` or ``paper-*/step-02?``, means a stimulus."""
     # engraved identities are in capitals
-    set_pattern, slash, part_pattern = only.lower().rpartition("/")
+    set_pattern, slash, part_pattern = pattern.lower().rpartition("/")
     if slash and not fnmatch.fnmatchcase(set_name, set_pattern):
         return False
     return fnmatch.fnmatchcase(identity, part_pattern)

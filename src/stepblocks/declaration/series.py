@@ -29,14 +29,14 @@ def merge_tables(defaults: Mapping[str, object], stanza: Mapping[str, object]) -
     merged: dict[str, object] = copy.deepcopy(dict(defaults))
     for key, value in stanza.items():
         default = merged.get(key)
-        if _is_table(default) and _is_table(value):
+        if _is_table_of_fields(default) and _is_table_of_fields(value):
             merged[key] = merge_tables(default, value)
         else:
             merged[key] = copy.deepcopy(value)
     return merged
 
 
-def _is_table(value: object) -> TypeGuard[dict[str, object]]:
+def _is_table_of_fields(value: object) -> TypeGuard[dict[str, object]]:
     """Tell whether a value is a table of fields, and no dimension."""
     return isinstance(value, dict) and not _NAMES_OF_DIMENSION & set(value)
 
@@ -199,12 +199,12 @@ def _fill_identity_placeholders(stanza: Mapping[str, object]) -> object:
                 "{height_um:03}"
             )
         value = parse_quantity(nominal, _guess_length_or_angle(nominal)) * _UNITS[match["unit"]]
-        return _format_placeholder(value, int(match["digits"] or 1))
+        return _format_placeholder_value(value, int(match["digits"] or 1))
 
     return _PLACEHOLDER.sub(fill_placeholder, template)
 
 
-def _format_placeholder(value: float, digits: int) -> str:
+def _format_placeholder_value(value: float, digits: int) -> str:
     """Write a number as an identity may hold it: ``m`` for minus, ``p`` for the decimal point."""
     text = f"{value:.9g}"
     sign = ""

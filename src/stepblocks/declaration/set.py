@@ -348,7 +348,7 @@ def validate_set(declared: Mapping[str, object], origin: Origin = Origin.FILE) -
 
 def make_set_from_tables(
     name: str,
-    raw: dict[str, Any],
+    tables: dict[str, Any],
     folder: Path,
     place: object,
     mistakes: list[Mistake],
@@ -360,7 +360,7 @@ def make_set_from_tables(
     ----------
     name : str
         Name of the set.
-    raw : dict
+    tables : dict
         Tables of the file; its stanzas are replaced by what they stand for.
     folder : Path
         Where the files lie that stanzas name.
@@ -381,11 +381,11 @@ def make_set_from_tables(
     StimulusError
         With all mistakes: name, rule, value and place.
     """
-    _expand_stanzas_of_kinds(raw, folder, mistakes)
-    total = sum(len(raw.get(kind, ())) for kind in list_kinds())
+    _expand_stanzas_of_kinds(tables, folder, mistakes)
+    total = sum(len(tables.get(kind, ())) for kind in list_kinds())
     if total > MAX_SERIES:
         raise StimulusError(f"a set must have at most {MAX_SERIES} stimuli, got {total} [{place}]")
-    declared = {"name": name, "title": name, **raw}
+    declared = {"name": name, "title": name, **tables}
     try:
         stimuli = validate_set(declared, origin)
     except ValidationError as error:
@@ -416,21 +416,21 @@ def _resolve_felt_tolerances(stimuli: StimulusSet, place: object) -> StimulusSet
     return stimuli.with_parts(parts)
 
 
-def _expand_stanzas_of_kinds(raw: dict[str, Any], folder: Path, mistakes: list[Mistake]) -> None:
+def _expand_stanzas_of_kinds(tables: dict[str, Any], folder: Path, mistakes: list[Mistake]) -> None:
     """Replace the stanzas of each kind by what they stand for, at most one more than a set holds.
 
     Mistakes are added to the list.
     """
     known = list_kinds()
-    defaults = raw.pop("defaults", {})
+    defaults = tables.pop("defaults", {})
     if not isinstance(defaults, dict) or not set(defaults) <= set(known):
         rule = f"defaults must be tables named {', '.join(known)}"
         mistakes.append(("", f"{rule}, got {shorten_value(defaults)}"))
         defaults = {}
     for kind in known:
-        if kind in raw:
-            stanzas = _expand_stanzas(kind, raw[kind], defaults.get(kind, {}), mistakes, folder)
-            raw[kind] = list(islice(stanzas, MAX_SERIES + 1))
+        if kind in tables:
+            stanzas = _expand_stanzas(kind, tables[kind], defaults.get(kind, {}), mistakes, folder)
+            tables[kind] = list(islice(stanzas, MAX_SERIES + 1))
 
 
 def _locate_stanza(declared: Mapping[str, Any], location: Location) -> tuple[str, Location]:
@@ -455,16 +455,18 @@ def _get_stanza_identity(stanza: Part | Mapping[str, object], otherwise: object)
 
 
 def _expand_stanzas(
-    kind: str, raw: object, defaults: object, mistakes: list[Mistake], folder: Path
+    kind: str, raw_stanzas: object, defaults: object, mistakes: list[Mistake], folder: Path
 ) -> Iterator[Part | Mapping[str, object]]:
     """Expand the stanzas of a kind; those that cannot be are among the mistakes."""
-    if not _are_stanzas(raw):
-        mistakes.append(("", f"{kind} must be written as [[{kind}]], got {shorten_value(raw)}"))
+    if not _are_stanzas(raw_stanzas):
+        mistakes.append(
+            ("", f"{kind} must be written as [[{kind}]], got {shorten_value(raw_stanzas)}")
+        )
         return
     if not isinstance(defaults, dict):
         mistakes.append(("", f"defaults.{kind} must be a table, got {shorten_value(defaults)}"))
         return
-    for number, stanza in enumerate(raw, start=1):
+    for number, stanza in enumerate(raw_stanzas, start=1):
         if isinstance(stanza, Part):
             yield stanza
             continue

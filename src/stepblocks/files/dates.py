@@ -259,20 +259,20 @@ def _convert_date_to_seconds(date: _Written, order: DateOrder) -> float:
     return moment.timestamp() + float(f"0.{fraction}") - _parse_utc_offset(parts.get("offset", ""))
 
 
-def _make_day(parts: dict[str, str], order: DateOrder) -> datetime.date:
+def _make_day(date_parts: dict[str, str], order: DateOrder) -> datetime.date:
     """Return the day that a date names, its open parts in an order."""
-    year = int(parts["year"])
-    if len(parts["year"]) == 2:
+    year = int(date_parts["year"])
+    if len(date_parts["year"]) == 2:
         year += 2000
     if not _FIRST_YEAR <= year <= _LAST_YEAR:
         raise ValueError(f"year must lie between {_FIRST_YEAR} and {_LAST_YEAR}")
-    if "word" in parts:
-        month = _MONTHS.index(parts["word"][:3].lower()) + 1
-        return datetime.date(year, month, int(parts["day"]))
-    if "first" not in parts:
-        return datetime.date(year, int(parts["month"]), int(parts["day"]))
-    first, second = int(parts["first"]), int(parts["second_part"])
-    if order is DateOrder.MONTH_FIRST and parts["mark"] != ".":
+    if "word" in date_parts:
+        month = _MONTHS.index(date_parts["word"][:3].lower()) + 1
+        return datetime.date(year, month, int(date_parts["day"]))
+    if "first" not in date_parts:
+        return datetime.date(year, int(date_parts["month"]), int(date_parts["day"]))
+    first, second = int(date_parts["first"]), int(date_parts["second_part"])
+    if order is DateOrder.MONTH_FIRST and date_parts["mark"] != ".":
         return datetime.date(year, first, second)
     return datetime.date(year, second, first)
 

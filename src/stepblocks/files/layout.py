@@ -90,12 +90,14 @@ class TableLayout:
 UNDECLARED = TableLayout()  # nothing is declared
 
 
-def refuse_declared_layout(layout: TableLayout, what: str, raises: type[StepblocksError]) -> None:
+def refuse_declared_layout(
+    layout: TableLayout, source_kind: str, raises: type[StepblocksError]
+) -> None:
     """Refuse what is declared of a text for something that is none, and raise as `raises` says."""
     if layout != UNDECLARED:
         raise raises(
             "encoding, separator, decimal sign and missing values are declared of a text, and must "
-            f"not be given for {what}"
+            f"not be given for {source_kind}"
         )
 
 

@@ -65,7 +65,7 @@ class FillFound:
     count: int = 0
     words: tuple[str, ...] = ()
 
-    def describe(self, column: str) -> str:
+    def describe_missing_values(self, column: str) -> str:
         """Say what was taken as missing; empty where nothing was, or only empty cells."""
         found = [f"{fill:.10g}" for fill in self.fills]
         found += dict.fromkeys(self.words)
@@ -103,7 +103,7 @@ class DeclaredMissing:
             blanked.append(cell)
         return blanked
 
-    def describe(self) -> list[str]:
+    def describe_found_values(self) -> list[str]:
         """Say which declared values were found."""
         note = describe_missing(list(self._counts), sum(self._counts.values()), "")
         return [note] if note else []
@@ -119,23 +119,26 @@ class DeclaredMissing:
         return any(bool(_mask_fill_value(value, number)) for number in self._numbers)
 
 
-def describe_missing(found: Sequence[str], count: int, place: str) -> str:
+def describe_missing(missing_texts: Sequence[str], cell_count: int, column_clause: str) -> str:
     """Say that what was found stands for a missing value; empty where nothing was found.
 
     Parameters
     ----------
-    found : sequence of str
+    missing_texts : sequence of str
         As the file writes it.
-    count : int
+    cell_count : int
         Number of cells.
-    place : str
+    column_clause : str
         Behind a blank, or empty.
     """
-    if not found:
+    if not missing_texts:
         return ""
-    cells = "cell" if count == 1 else "cells"
-    verb = "stands" if len(found) == 1 else "stand"
-    return f"{' and '.join(found)}{place} ({count} {cells}) {verb} for a missing value"
+    cells = "cell" if cell_count == 1 else "cells"
+    verb = "stands" if len(missing_texts) == 1 else "stand"
+    return (
+        f"{' and '.join(missing_texts)}{column_clause} ({cell_count} {cells}) {verb} for a "
+        "missing value"
+    )
 
 
 def list_missing_words(cells: Sequence[str]) -> tuple[str, ...]:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from fsspec import AbstractFileSystem
 
 
-def names_object_store(place: str | Path) -> bool:
+def is_object_store_address(place: str | Path) -> bool:
     """Tell whether a place is an address such as ``"s3://bucket/sweep"`` and no folder."""
     return isinstance(place, str) and "://" in place
 
@@ -41,7 +41,7 @@ def open_store(place: str | Path) -> "ResultStore":
     PipelineError
         If fsspec or its package for the protocol is missing, or the store cannot be reached.
     """
-    if not names_object_store(place):
+    if not is_object_store_address(place):
         return FolderStore(Path(place))
     return ObjectStore(str(place).rstrip("/"))
 

@@ -134,7 +134,7 @@ def load_table(
             columns[name] = _make_text_column(source.get_cells(number))
             continue
         numbers = source.require_numbers(number, PipelineError)
-        notes += filter(None, [numbers.describe(name)])
+        notes += filter(None, [numbers.describe_missing_values(name)])
         columns[name] = _make_number_column(numbers.values)
     frame = pd.DataFrame(columns)
     return FileTable(_append_units_to_names(frame, source), source, tuple(notes))
@@ -209,14 +209,14 @@ def convert_dataset_to_table(dataset: Any) -> "pd.DataFrame":
     return renamed_frame
 
 
-def find_misspelt_columns(frame: "pd.DataFrame", known: Collection[str]) -> dict[str, str]:
+def find_misspelt_columns(frame: "pd.DataFrame", known_names: Collection[str]) -> dict[str, str]:
     """Return the known name that was probably meant, by the name of each column that is near it."""
     meant = {}
     for column in frame:
-        if column in known:
+        if column in known_names:
             continue
         name = str(column)
-        similar = difflib.get_close_matches(name, known, 1, _SIMILAR_ENOUGH)
+        similar = difflib.get_close_matches(name, known_names, 1, _SIMILAR_ENOUGH)
         if similar:
             meant[name] = similar[0]
     return meant
@@ -243,14 +243,14 @@ def parse_unit_of_name(name: str) -> str:
     return ""
 
 
-def find_column_name(name: str, known: Mapping[str, str]) -> str:
+def find_column_name(name: str, known_columns: Mapping[str, str]) -> str:
     """Return the known column that a name means: ``height_um`` for "Height [µm]".
 
     Parameters
     ----------
     name : str
         As a table has it.
-    known : mapping of str
+    known_columns : mapping of str
         Unit of each known column by its full name.
 
     Returns
@@ -258,16 +258,16 @@ def find_column_name(name: str, known: Mapping[str, str]) -> str:
     str
         The known name; empty where it means none of them.
     """
-    if name in known:
+    if name in known_columns:
         return name
     bracketed = _BRACKETED.fullmatch(name)
     words = name if bracketed is None else bracketed["name"]
     base = re.sub(r"[\s-]+", "_", words.strip()).lower()
     if bracketed is None:
-        return base if base in known else ""
+        return base if base in known_columns else ""
     for suffix in _list_suffixes_of_unit(simplify_unit(bracketed["unit"])):
         column = f"{base}_{suffix}".rstrip("_")
-        if column in known:
+        if column in known_columns:
             return column
     return ""
 

@@ -398,7 +398,7 @@ def _blank_declared_values(table: TextTable, layout: TableLayout) -> TextTable:
         return table
     rule = DeclaredMissing(declared, table.notation)
     rows = [rule.blank_cells(row) for row in table.rows]
-    notes = [*table.notes, *rule.describe()]
+    notes = [*table.notes, *rule.describe_found_values()]
     return replace(table, rows=rows, notes=tuple(notes), finds_fills=False)
 
 

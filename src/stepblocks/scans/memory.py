@@ -138,7 +138,7 @@ def _convert_to_metres(
         found = replace_fill_values_by_nan(numbers)
         numbers = found.values
         if found.count:
-            fill_notes.append(found.describe("the heights"))
+            fill_notes.append(found.describe_missing_values("the heights"))
     return units.get(axis, _METRE).to_metres(numbers)
 
 

@@ -196,7 +196,7 @@ def _make_scan(
     _refuse_infinite(table, columns)
     notes = [_describe_units(axes, unit), *table.notes]
     if found.count:
-        notes.append(found.describe(table.get_name(columns.z) or "the heights"))
+        notes.append(found.describe_missing_values(table.get_name(columns.z) or "the heights"))
     scale = "; ".join(notes)
     if "y" in axes:
         return _make_map_of_points(axes, scale, table.source)
@@ -359,7 +359,7 @@ def _make_map_of_matrix(table: NumberTable, units: Mapping[str, StoredLength]) -
     heights = _Axis(None, found.values.ravel(), units["z"])
     notes = ["matrix with the spacing and unit given", *table.notes]
     if found.count:
-        notes.append(found.describe("the heights"))
+        notes.append(found.describe_missing_values("the heights"))
     return HeightMap(
         found.values * units["z"].metres,
         units["x"].metres,

@@ -143,7 +143,7 @@ def _make_turning_setup(component: Component) -> SetupLine:
 
 
 def _make_milling_setup(
-    component: Component, side: Side, number: int, bores: Sequence[Cylinder]
+    component: Component, side: Side, setup_number: int, bores: Sequence[Cylinder]
 ) -> SetupLine:
     """Return the line of a setup with one side up."""
     clamping = "vice on two sides, the base or a milled side on parallels"
@@ -157,7 +157,7 @@ def _make_milling_setup(
         clamping = "vice, base down on parallels"
         work.append("mill the sides and all faces that are seen from above")
     work += [_describe_bore_work(component, bore) for bore in bores]
-    return SetupLine(number, f"{side.label} up", clamping, datum, work)
+    return SetupLine(setup_number, f"{side.label} up", clamping, datum, work)
 
 
 def _describe_bore_work(component: Component, bore: Cylinder) -> str:

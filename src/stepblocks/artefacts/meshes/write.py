@@ -60,10 +60,10 @@ def write_ply(path: Path, mesh: Mesh) -> None:
 def write_3mf(path: Path, mesh: Mesh) -> None:
     """Write 3MF in millimetres, decimal text, its random identifiers replaced by counted ones."""
     exported = _build_trimesh(mesh, _MM).export(file_type="3mf")
-    path.write_bytes(pin_archive_times(exported, _number_identifiers))
+    path.write_bytes(pin_archive_times(exported, _replace_identifiers_by_numbers))
 
 
-def _number_identifiers(text: bytes) -> bytes:
+def _replace_identifiers_by_numbers(text: bytes) -> bytes:
     """Replace random identifiers by numbers, in the order of their first occurrence."""
     identifiers = dict.fromkeys(_IDENTIFIER.findall(text))
     for number, identifier in enumerate(identifiers, start=1):

@@ -41,7 +41,7 @@ def compute_bounding_box(faces: Sequence[door.Face]) -> Box:
 
 def make_callout(
     characteristic: Characteristic,
-    number: int,
+    characteristic_number: int,
     row_from_below: int,
     box: Box,
     target: door.Face,
@@ -52,7 +52,7 @@ def make_callout(
     ----------
     characteristic : Characteristic
         What it states.
-    number : int
+    characteristic_number : int
         Its number on all papers.
     row_from_below : int
         Which of the callouts, from below.
@@ -61,20 +61,22 @@ def make_callout(
     target : Face
         The face to which its leader points.
     """
-    text = format_callout(characteristic, number)
+    text = format_callout(characteristic, characteristic_number)
     outlines, leader = outline_callout(text, row_from_below, box, target)
     return pmi.Callout(text.replace("±", "+-"), outlines, leader)  # Part 21 holds ASCII
 
 
-def format_callout(characteristic: Characteristic, number: int) -> str:
+def format_callout(characteristic: Characteristic, characteristic_number: int) -> str:
     """Write number, name and limits of a characteristic."""
     if characteristic.kind in ("flatness", "parallelism"):
-        return f"{number}  {characteristic.label} {format_zone(characteristic.upper)}"
+        return (
+            f"{characteristic_number}  {characteristic.label} {format_zone(characteristic.upper)}"
+        )
     limits = format_size_with_deviations(
         characteristic.nominal, characteristic.lower, characteristic.upper, characteristic.quantity
     )
     sign = _SIGNS.get(characteristic.kind, "")
-    return f"{number}  {characteristic.label} {sign}{limits.replace('°', ' deg')}"
+    return f"{characteristic_number}  {characteristic.label} {sign}{limits.replace('°', ' deg')}"
 
 
 def outline_callout(

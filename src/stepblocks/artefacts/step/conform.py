@@ -121,13 +121,13 @@ def repair_step_text(
     head, section, tail = _split_at_data_section(_replace_file_name_record(text, identity, order))
     data = _read_instances(section)
     _recolour_callouts_black(data)
-    _correct_measures(data)
+    _correct_measure_types(data)
     _name_dimensions(data, names, identity)
     _renumber_components(data)
-    _state_revision(data, order.revision)
+    _write_revision_of_products(data, order.revision)
     _correct_density_unit(data)
     for name, value in notes:
-        _add_note(data, name, value, identity)
+        _add_note_to_product(data, name, value, identity)
     if roughness is not None:
         _add_surface_texture(data, roughness, identity)
     instances = "".join([f"{ref} = {body};\n" for ref, body in data.bodies.items()])
@@ -219,7 +219,7 @@ def _recolour_callouts_black(data: _DataInstances) -> None:
         data.bodies[ref] = data.bodies[ref].replace("('white')", "('black')")
 
 
-def _correct_measures(data: _DataInstances) -> None:
+def _correct_measure_types(data: _DataInstances) -> None:
     """Give every measure a type that fits its unit and value."""
     angle_units = {
         ref for ref in data.list_instances_of("") if "PLANE_ANGLE_UNIT" in data.bodies[ref]
@@ -229,12 +229,12 @@ def _correct_measures(data: _DataInstances) -> None:
             continue
         for ref in refs:
             if _MEASURE in data.bodies[ref]:
-                data.bodies[ref] = _correct_measure(data.bodies[ref], angle_units)
+                data.bodies[ref] = _correct_measure_type(data.bodies[ref], angle_units)
 
 
-def _correct_measure(body: str, angle_units: set[str]) -> str:
+def _correct_measure_type(instance_body: str, angle_units: set[str]) -> str:
     """Correct a measure: its limits get types, a zero is not typed as a positive length."""
-    flat = _LINE_BREAK.sub("", body)
+    flat = _LINE_BREAK.sub("", instance_body)
     limit = _LIMIT.fullmatch(flat)
     if limit is not None:
         value, unit = limit.groups()
@@ -245,7 +245,7 @@ def _correct_measure(body: str, angle_units: set[str]) -> str:
     if "POSITIVE_LENGTH_MEASURE(" in flat:
         # a nominal of zero (a sharp edge, flush faces) is a length, but no positive one
         return _POSITIVE_ZERO.sub("LENGTH_MEASURE(0.)", flat)
-    return body
+    return instance_body
 
 
 def _name_dimensions(data: _DataInstances, names: Sequence[tuple[str, str]], identity: str) -> None:
@@ -279,7 +279,7 @@ def _renumber_components(data: _DataInstances) -> None:
         data.bodies[ref] = _OCCURRENCE.sub(rf"\g<1>'{number}'", flat)
 
 
-def _state_revision(data: _DataInstances, revision: str) -> None:
+def _write_revision_of_products(data: _DataInstances, revision: str) -> None:
     """State the revision of every product, where there is one."""
     if not revision:
         return
@@ -297,7 +297,7 @@ def _correct_density_unit(data: _DataInstances) -> None:
         data.bodies[unit] = element.unit
 
 
-def _add_note(data: _DataInstances, name: str, value: str, identity: str) -> None:
+def _add_note_to_product(data: _DataInstances, name: str, value: str, identity: str) -> None:
     """Add a requirement without a face: a property of the product, which every reader shows."""
     products = data.list_instances_of("PRODUCT_DEFINITION")[:1]
     context = data.find_complex_instance(_SPACE_OF_SHAPE)

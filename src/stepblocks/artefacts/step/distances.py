@@ -104,7 +104,7 @@ def _measure_torus(torus: Surface, size_name: str) -> float | None:
 
 
 def measure_distance(
-    first: Sequence[Surface], second: Sequence[Surface], kind: str = ""
+    first: Sequence[Surface], second: Sequence[Surface], distance_kind: str = ""
 ) -> float | None:
     """Measure the distance between two features: planes, axes of cylinders, centres of spheres.
 
@@ -112,7 +112,7 @@ def measure_distance(
     ----------
     first, second : sequence of Surface
         All faces of each feature; every pair of them must have the same distance.
-    kind : str
+    distance_kind : str
         What the file calls the distance; ``linear distance centre outer`` says from and to which
         side of a round feature.
 
@@ -121,7 +121,7 @@ def measure_distance(
     float or None
         The distance [m].
     """
-    first_side, second_side = _read_end_sides(kind)
+    first_side, second_side = _read_end_sides(distance_kind)
     distances = []
     for one_face, another_face in itertools.product(first, second):
         distance = _measure_surface_distance(one_face, another_face)
@@ -137,9 +137,9 @@ def measure_distance(
     return distances[0]
 
 
-def _read_end_sides(kind: str) -> tuple[str, str]:
+def _read_end_sides(distance_kind: str) -> tuple[str, str]:
     """Read ``inner``, ``centre`` or ``outer`` for each end of a distance; empty where not said."""
-    words = kind.removeprefix(_LOCATED).split()
+    words = distance_kind.removeprefix(_LOCATED).split()
     if len(words) != 2:
         return "", ""
     first, second = words

@@ -51,9 +51,9 @@ class Typed:
     value: Any
 
 
-def is_reference(value: object) -> bool:
+def is_reference(parameter: object) -> bool:
     """Tell whether a parameter is a reference such as ``#12``."""
-    return isinstance(value, str) and value.startswith("#")
+    return isinstance(parameter, str) and parameter.startswith("#")
 
 
 def read_numeric_parameter(parameter: object) -> float | None:
@@ -163,14 +163,14 @@ class Exchange:
         return users
 
 
-def yield_references(value: object) -> Iterator[str]:
+def yield_references(parameter: object) -> Iterator[str]:
     """Yield the references in a parameter, however deep, in their order."""
-    if is_reference(value):
-        yield str(value)
-    elif isinstance(value, Typed):
-        yield from yield_references(value.value)
-    elif isinstance(value, tuple | list):
-        for item in value:
+    if is_reference(parameter):
+        yield str(parameter)
+    elif isinstance(parameter, Typed):
+        yield from yield_references(parameter.value)
+    elif isinstance(parameter, tuple | list):
+        for item in parameter:
             yield from yield_references(item)
 
 
@@ -206,7 +206,7 @@ def read_exchange_file(path: Path) -> Exchange:
         text = _COMMENT.sub(_drop_comment, text)
     try:
         header, begin = _read_header(text)
-        return Exchange(path.name, _read_schema(header), _read_data(text, begin))
+        return Exchange(path.name, _read_schema(header), _read_data_section(text, begin))
     except (ValueError, RecursionError) as error:
         raise _make_parse_error(error, path.name) from error
 
@@ -292,7 +292,7 @@ def _read_schema(header: list[str]) -> tuple[str, ...]:
     return tuple(schema)
 
 
-def _read_data(text: str, begin: int) -> _DataSection:
+def _read_data_section(text: str, begin: int) -> _DataSection:
     """Read the instances from a position on, in one walk, up to the end of the file."""
     data = _DataSection()
     position = begin
@@ -363,7 +363,7 @@ def _parse_any_instance(text: str) -> dict[str, Parameters]:
     for entity in entities:
         if not isinstance(entity, Typed):
             raise ValueError(f"instance must hold whole entities, got {text[:40]!r}")
-        parts[entity.type] = tuple(map(_convert_to_tuples, entity.value))
+        parts[entity.type] = tuple(map(_convert_lists_to_tuples, entity.value))
     return parts
 
 
@@ -439,11 +439,11 @@ def _decode_extended(found: re.Match[str]) -> str:
     return bytes.fromhex(found["digits"]).decode(_ENCODING_BY_BYTES[found["bytes"]])
 
 
-def _convert_to_tuples(value: object) -> object:
+def _convert_lists_to_tuples(value: object) -> object:
     """Turn lists into tuples; a typed value holds one value instead of a list of one."""
     if isinstance(value, Typed):
         (inner,) = value.value
-        return Typed(value.type, _convert_to_tuples(inner))
+        return Typed(value.type, _convert_lists_to_tuples(inner))
     if isinstance(value, list):
-        return tuple(map(_convert_to_tuples, value))
+        return tuple(map(_convert_lists_to_tuples, value))
     return value

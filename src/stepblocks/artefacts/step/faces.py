@@ -90,18 +90,18 @@ def find_surfaces_of_aspect(file: Exchange, aspect: object, depth: int = 0) -> l
         parts = file.get_entities(user)
         for surface in _yield_linked_surfaces(file, parts, aspect):
             surfaces[surface.ref] = surface
-        below = _find_part_of_composite(file, parts, aspect)
+        below = _find_aspect_in_composite(file, parts, aspect)
         for surface in find_surfaces_of_aspect(file, below, depth + 1):
             surfaces[surface.ref] = surface
     return list(surfaces.values())
 
 
 def _yield_linked_surfaces(
-    file: Exchange, parts: dict[str, Parameters], aspect: object
+    file: Exchange, entities: dict[str, Parameters], aspect: object
 ) -> Iterator[Surface]:
     """Read the faces that an instance links with an aspect."""
     for entity in _USAGES:
-        parameters = parts.get(entity, ())
+        parameters = entities.get(entity, ())
         if len(parameters) != 5:
             continue
         _, _, linked, representation, items = parameters
@@ -114,9 +114,11 @@ def _yield_linked_surfaces(
                 yield surface
 
 
-def _find_part_of_composite(file: Exchange, parts: dict[str, Parameters], aspect: object) -> object:
+def _find_aspect_in_composite(
+    file: Exchange, entities: dict[str, Parameters], aspect: object
+) -> object:
     """Find the aspect that an instance makes part of a composite one; None for a datum."""
-    parameters = parts.get("SHAPE_ASPECT_RELATIONSHIP", ())
+    parameters = entities.get("SHAPE_ASPECT_RELATIONSHIP", ())
     if len(parameters) != 4:
         return None
     _, _, composite, part = parameters
@@ -152,15 +154,15 @@ def read_representation_units(file: Exchange, representation: str) -> Representa
 
 
 def _read_surface(
-    file: Exchange, item: str, representation: str, units: RepresentationUnits
+    file: Exchange, face_or_edge: str, representation: str, units: RepresentationUnits
 ) -> Surface:
     """Read the surface of a face or the curve of an edge; its kind is empty for neither."""
-    kind, parameters = _find_carrier_geometry(file, item)
+    kind, parameters = _find_carrier_geometry(file, face_or_edge)
     if len(parameters) < 2 or not is_reference(parameters[1]):
-        return Surface(item, kind, representation=representation)
+        return Surface(face_or_edge, kind, representation=representation)
     if kind == LINE:
         return Surface(
-            item,
+            face_or_edge,
             kind,
             units.length.convert_to_si(_read_coordinates(file, parameters[1])),
             _read_direction_of_line(file, parameters[-1]),
@@ -168,7 +170,7 @@ def _read_surface(
         )
     placement = _read_placement(file, parameters[1])
     return Surface(
-        item,
+        face_or_edge,
         kind,
         units.length.convert_to_si(placement.point),
         placement.axis,
@@ -190,11 +192,11 @@ def read_vertex_point(file: Exchange, vertex: object, units: RepresentationUnits
     return units.length.convert_to_si(_read_coordinates(file, parameters[1]))
 
 
-def _find_carrier_geometry(file: Exchange, item: str) -> tuple[str, Parameters]:
+def _find_carrier_geometry(file: Exchange, face_or_edge: str) -> tuple[str, Parameters]:
     """Find kind and parameters of the surface or curve that carries a face or edge."""
-    carrier: object = item
+    carrier: object = face_or_edge
     for entity, place in _CARRIERS.items():
-        parameters = file.get_parameters(item, entity)
+        parameters = file.get_parameters(face_or_edge, entity)
         if parameters:
             carrier = parameters[place]
             break

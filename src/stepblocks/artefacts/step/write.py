@@ -238,13 +238,13 @@ def _choose_pmi_kind(characteristic: Characteristic) -> PmiKind:
 
 
 def _find_pmi_item(
-    described: Sequence[tuple[door.Face, ...]], rule: Rule, body: int, place: str
+    described: Sequence[tuple[door.Face, ...]], rule: Rule, body: int, part_id: str
 ) -> PmiItem:
     """Find the face or edge of a rule, which may lie on another body than its characteristic."""
     owner = body if rule.body is None else rule.body
     faces = described[owner]
     if isinstance(rule, EdgeRule):
-        first = find_face_index(faces, rule.first, place)
-        second = find_face_index(faces, rule.second, place)
+        first = find_face_index(faces, rule.first, part_id)
+        second = find_face_index(faces, rule.second, part_id)
         return PmiItem(owner, first, second)
-    return PmiItem(owner, find_face_index(faces, rule, place))
+    return PmiItem(owner, find_face_index(faces, rule, part_id))

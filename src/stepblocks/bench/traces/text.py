@@ -58,7 +58,9 @@ class TextReader(TraceReader[TextTable, TextTable]):
         for name in names:
             index = _find_column_index(group, name)
             if index is not None:
-                notes += filter(None, [group.read_numbers(index).describe(str(name))])
+                notes += filter(
+                    None, [group.read_numbers(index).describe_missing_values(str(name))]
+                )
         return notes
 
 

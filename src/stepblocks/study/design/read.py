@@ -274,7 +274,7 @@ def _clean_cells(table: TextTable, column: int) -> list[str]:
         return list(map(_empty_if_missing, cells))
     found = table.require_numbers(column, StudyError)
     found = replace(found, words=())  # the notes of a study count the missing answers
-    warn_of_notes(filter(None, [found.describe(table.names[column])]), table.file)
+    warn_of_notes(filter(None, [found.describe_missing_values(table.names[column])]), table.file)
     cleaned = []
     for cell, value in zip(cells, found.values.tolist(), strict=True):
         cleaned.append(_format_number(cell, value, table.notation))
