@@ -158,10 +158,10 @@ def extra_costs(stimuli: Path) -> None:
     """Print what each artefact costs per block, in one process after imports."""
     from stepblocks.artefacts.check import check_artefact
     from stepblocks.artefacts.heightfield import write_height_field
-    from stepblocks.artefacts.meshes.write import MESH_FORMATS, write_pieces
+    from stepblocks.artefacts.meshes.write import MESH_FORMATS, write_convex_pieces
     from stepblocks.artefacts.step.write import write_step_ap242
     from stepblocks.build.make import list_checkable_paths
-    from stepblocks.build.picture import draw_part
+    from stepblocks.build.picture import render_part_picture
     from stepblocks.declaration.read import load_set
     from stepblocks.parts.kinds.step_block import StepBlock
     from stepblocks.parts.shapes import build_convex_pieces, build_solids, mesh_solid
@@ -185,7 +185,10 @@ def extra_costs(stimuli: Path) -> None:
             for ending, write in MESH_FORMATS.items():
                 timed(ending, partial(write, folder / f"{block.id}{ending}", mesh))
             pieces = timed("convex pieces", partial(build_convex_pieces, block))
-            timed("convex pieces", partial(write_pieces, folder / f"{block.id}.convex.obj", pieces))
+            timed(
+                "convex pieces",
+                partial(write_convex_pieces, folder / f"{block.id}.convex.obj", pieces),
+            )
             timed(
                 "height field",
                 partial(write_height_field, folder / f"{block.id}.heightfield", block),
@@ -193,7 +196,12 @@ def extra_costs(stimuli: Path) -> None:
             arrays = [(mesh.vertices, mesh.triangles)]
             timed(
                 "picture",
-                partial(draw_part, folder / f"{block.id}.png", arrays, *block.choose_close_up()),
+                partial(
+                    render_part_picture,
+                    folder / f"{block.id}.png",
+                    arrays,
+                    *block.choose_close_up(),
+                ),
             )
             for path in list_checkable_paths(block, folder):
                 timed(f"read back {path.suffix}", partial(check_artefact, block, path))

@@ -20,7 +20,7 @@ from stepblocks.drag.probe import PAPER_DRAG, DragSettings, Probe
 from stepblocks.drag.ring import RING_BAND, compute_band_share, compute_phase_spectrum, measure_ring
 from stepblocks.drag.simulate import DragTrace, simulate_drag
 from stepblocks.drag.track import build_step_track
-from stepblocks.files.figures import make_figure, save_figure
+from stepblocks.files.figures import make_figure_and_axes, save_figure
 
 R = 125e-6
 LIGHT = replace(PAPER_DRAG, damping_ratio=0.01)
@@ -173,7 +173,9 @@ def share_map() -> np.ndarray:
 def draw_ring_share(share: np.ndarray, path: Path) -> None:
     """Draw the share against height, one panel per friction, beside the constant."""
     heights, loads, frictions, speeds = GRID
-    figure, axes = make_figure(1, len(frictions), width=3.2 * len(frictions) + 1.0, height=3.8)
+    figure, axes = make_figure_and_axes(
+        1, len(frictions), width=3.2 * len(frictions) + 1.0, height=3.8
+    )
     for j, axis in enumerate(axes):
         for (i, load), (k, speed) in product(enumerate(loads), enumerate(speeds)):
             look = {"marker": ".", "lw": 0.9, "color": f"C{i}", "ls": ("-", "--", ":")[k]}

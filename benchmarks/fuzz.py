@@ -128,7 +128,7 @@ def _texts(work: Path) -> Iterator[Kind]:
     import json
 
     from oracles.learned import make_learned_model
-    from stepblocks.build.manifest import load_record, load_sealed, write_sealed
+    from stepblocks.build.manifest import load_sealed_json, load_stimulus_record, write_sealed_json
     from stepblocks.declaration.read import load_set
     from stepblocks.haptics.devices import load_devices
     from stepblocks.predict.sweep.read import load_sweep
@@ -189,12 +189,12 @@ def _texts(work: Path) -> Iterator[Kind]:
     said = {one.key: (one.nominal + one.upper, 1e-8, "conforms") for one in block.characteristics()}
     write_qif(work / "q.qif", block, None, said)
     yield "qif", ([("q.qif", (work / "q.qif").read_bytes())], read_qif_results)
-    write_sealed(
+    write_sealed_json(
         work / "record.json", {"outputs": {"a.stl": "0" * 64}, "verdicts": [], "kind": "x"}
     )
 
     def records(path: Path) -> object:
-        return load_record(path.parent), load_sealed(path)
+        return load_stimulus_record(path.parent), load_sealed_json(path)
 
     yield "records", ([("record.json", (work / "record.json").read_bytes())], records)
 
@@ -534,7 +534,7 @@ def main(argv: list[str] | None = None) -> int:
         for name, (seeds, read) in kinds(Path(work), arguments.kind):
             # a whole command takes seconds
             count = arguments.count // 10 if name == "commands" else arguments.count
-            rows.append(fuzz(name, seeds, read, count, arguments.seed, arguments.keep_draft))
+            rows.append(fuzz(name, seeds, read, count, arguments.seed, arguments.keep))
             show(name, rows[-1])
     counts, limits = zip(*((row[:4], row[4:]) for row in rows), strict=True)
     total = [sum(column) for column in zip(*counts, strict=True)]

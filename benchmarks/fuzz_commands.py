@@ -18,7 +18,7 @@ import typer
 from faults import LOADED, run, tree
 from typer.core import TyperArgument, TyperCommand, TyperGroup
 
-from stepblocks.cli import make_command
+from stepblocks.cli import make_root_command
 from stepblocks.errors import StepblocksError
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -151,13 +151,13 @@ def arguments() -> Kind:
             raise StepblocksError(error.format_message()) from error
 
     return _lines(
-        [line for words, one in _leaves(make_command()) for line in _each(words, one)]
+        [line for words, one in _leaves(make_root_command()) for line in _each(words, one)]
     ), parse
 
 
 def _parse(words: list[str]) -> object:
     """Read a command line as far as its command would, without running it."""
-    command = make_command()
+    command = make_root_command()
     context = command.make_context("stepblocks", words)
     while isinstance(command, TyperGroup):
         name, command, words = command.resolve_command(

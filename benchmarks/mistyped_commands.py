@@ -34,7 +34,7 @@ from fuzz_commands import _leaves, _prepare
 from typer.core import TyperArgument, TyperCommand, TyperOption
 
 import stepblocks
-from stepblocks.cli import main as command_line, make_command
+from stepblocks.cli import main as command_line, make_root_command
 from stepblocks.study.conduct.server import RunServer
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -134,7 +134,7 @@ class Maker:
     """Make mistyped lines of each way from the commands that there are."""
 
     def __init__(self) -> None:
-        self.commands = {" ".join(words): one for words, one in _leaves(make_command())}
+        self.commands = {" ".join(words): one for words, one in _leaves(make_root_command())}
         assert self.commands.keys() == LINES.keys()
         self.every = {
             name

@@ -160,7 +160,7 @@ def commands_table():
     """Write a section for each command, as its help says it."""
     from click import Context
 
-    from stepblocks.cli import make_command
+    from stepblocks.cli import make_root_command
 
     lines = []
 
@@ -176,7 +176,7 @@ def commands_table():
         rows = [option_row(context, one) for one in own]
         lines.append("\n".join(["| argument or option | meaning |", "|---|---|", *rows]))
 
-    walk(make_command(), (), None)
+    walk(make_root_command(), (), None)
     return "\n\n".join(lines)
 
 

@@ -240,7 +240,7 @@ def test_every_function_is_reached_by_name_from_a_command_or_the_public_face():
             waiting |= set(words_of(tree))
         for node in tree.body:  # a function that is declared as a command
             if isinstance(node, ast.FunctionDef) and any(
-                ast.unparse(one).startswith("command(") for one in node.decorator_list
+                ast.unparse(one).startswith("register_command(") for one in node.decorator_list
             ):
                 waiting.add(node.name)
         for node in list_nodes(path):

@@ -8,7 +8,7 @@ import pytest
 
 from stepblocks.artefacts.check import ARTEFACT_ENDINGS
 from stepblocks.bench.traces import READERS as TRACE_READERS
-from stepblocks.cli import make_command
+from stepblocks.cli import make_root_command
 from stepblocks.declaration.set import SHIPPED
 from stepblocks.files.text_table import TABLE_ENDINGS
 from stepblocks.rehearse.trace_files import TRACE_FILES
@@ -71,7 +71,7 @@ def test_every_command_is_listed_and_no_other():
     for first in list_rows():
         if first not in KINDS:
             listed |= find_names(first)
-    assert listed == set(list_commands(make_command()))
+    assert listed == set(list_commands(make_root_command()))
 
 
 @pytest.mark.parametrize("kind", KINDS)

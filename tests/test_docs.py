@@ -10,7 +10,7 @@ from pathlib import Path
 import page_types
 import pytest
 
-from stepblocks.cli import make_command
+from stepblocks.cli import make_root_command
 
 ROOT = Path(__file__).resolve().parents[1]
 HOUSE = ROOT / "src" / "stepblocks"
@@ -83,7 +83,7 @@ def all_options():
         for word, child in getattr(command, "commands", {}).items():
             walk(child, (*words, word))
 
-    walk(make_command(), ())
+    walk(make_root_command(), ())
     return found
 
 

@@ -226,10 +226,10 @@ _MARKS = {"formula": ("o", "#1d2a36"), "drag": ("s", "#1f6f8b"), "rod": ("^", "#
 
 def _draw_ratios(found: Evidence) -> Any:
     """Draw every answer over the middle of its published range, which is a bar."""
-    from stepblocks.files.figures import make_figure
+    from stepblocks.files.figures import make_figure_and_axes
 
     rows = [row for row in found.rows if row.answers.known() and row.value.low > 0.0][::-1]
-    figure, axis = make_figure(width=9.0, height=0.32 * len(rows) + 1.2)
+    figure, axis = make_figure_and_axes(width=9.0, height=0.32 * len(rows) + 1.2)
     for place, row in enumerate(rows):
         middle = (row.value.low * row.value.high) ** 0.5
         ends = [row.value.low / middle, row.value.high / middle]
@@ -253,9 +253,9 @@ def _draw_ratios(found: Evidence) -> Any:
 
 def _draw_energies(found: Evidence) -> Any:
     """Draw the energies of the four blocks by every explanation, and the paper's band."""
-    from stepblocks.files.figures import make_figure
+    from stepblocks.files.figures import make_figure_and_axes
 
-    figure, axis = make_figure(width=8.0, height=4.2)
+    figure, axis = make_figure_and_axes(width=8.0, height=4.2)
     axis.axhspan(BAND[0] * 1e6, BAND[1] * 1e6, color="#dfe7ee", label="the paper: 10 to 20 uJ")
     for number, one in enumerate(found.explanations):
         style = {"lw": 2.4, "color": "#1d2a36"} if number == 0 else {"lw": 1.3}

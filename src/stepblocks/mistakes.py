@@ -26,7 +26,7 @@ Location = tuple[Any, ...]
 Located = Callable[[Location], tuple[str, Location]]
 
 
-def validate_data(
+def validate_file_data(
     model: type[Model], data: object, place: object, raised: type[StepblocksError]
 ) -> Model:
     """Validate what a file holds, or list all that is wrong with it."""
@@ -45,7 +45,7 @@ def collect_mistakes(mistakes: list[Mistake], place: str = "") -> Iterator[None]
         mistakes.append((place, str(error)))
 
 
-def find_unknown_names(
+def list_unknown_names(
     table: Iterable[str], known: Sequence[str], place: str = ""
 ) -> list[Mistake]:
     """List unknown names, with what was probably meant."""
@@ -53,7 +53,7 @@ def find_unknown_names(
     for name in table:
         if name in known:
             continue
-        similar = find_similar(name, known)
+        similar = find_similar_name(name, known)
         hint = f"known are {', '.join(known)}"
         if similar:
             hint = f"did you mean {similar}?"
@@ -63,7 +63,9 @@ def find_unknown_names(
 
 def format_mistakes(mistakes: Sequence[Mistake], file: object) -> str:
     """Write mistakes by their places, one a line; the same mistake at several places once."""
-    lines = [(text, _format_places(places)) for text, places in _group_by_text(mistakes).items()]
+    lines = [
+        (text, _format_places(places)) for text, places in _group_places_by_text(mistakes).items()
+    ]
     if len(lines) == 1:
         ((text, where),) = lines
         where = ", ".join(filter(None, (str(file), where)))
@@ -77,7 +79,7 @@ def format_mistakes(mistakes: Sequence[Mistake], file: object) -> str:
     return "\n".join(message)
 
 
-def _group_by_text(mistakes: Sequence[Mistake]) -> dict[str, list[str]]:
+def _group_places_by_text(mistakes: Sequence[Mistake]) -> dict[str, list[str]]:
     """Return the places of each mistake by its text, ordered by where a place first occurs."""
     places_by_text: dict[str, list[str]] = {}
     for place, text in _sort_by_place(mistakes):
@@ -133,9 +135,9 @@ def list_mistakes(
         place, remainder = locate(finding["loc"])
         hint = ""
         if _is_unknown_name(finding):
-            hint = _suggest_name(model, finding["loc"], remainder)
+            hint = _explain_unknown_name(model, finding["loc"], remainder)
         elif finding["type"] == "model_type":
-            hint = _list_names_of_table(model, finding["loc"])
+            hint = _describe_table_fields(model, finding["loc"])
         for text in _format_finding(finding, ".".join(map(str, remainder))):
             mistakes.append((place, f"{text}{hint}"))
     return _sort_by_place(mistakes, first=[""])
@@ -181,12 +183,12 @@ def _leave_out_consequences(findings: Sequence[ErrorDetails]) -> list[ErrorDetai
     ]
 
 
-def _suggest_name(model: type[BaseModel], location: Location, remainder: Location) -> str:
+def _explain_unknown_name(model: type[BaseModel], location: Location, remainder: Location) -> str:
     """Return what to add to a message about an unknown name: why, what was meant, or what is known.
 
     A table states in `not_declared` why what others ask for is no field of it.
     """
-    for table in _find_tables(model, location):
+    for table in _find_table_models(model, location):
         reasons: Mapping[str, str] = getattr(table, "not_declared", {})
         reason = reasons.get(str(location[-1]))
         if reason is not None:
@@ -195,15 +197,15 @@ def _suggest_name(model: type[BaseModel], location: Location, remainder: Locatio
     if meant:
         path = ".".join(map(str, (*remainder[:-1], meant)))
         return f"; did you mean {path}?"
-    known = sorted(_list_fields(model, location))
+    known = sorted(_map_table_fields_by_name(model, location))
     if len(known) <= _FEW:
         return f"; known are {', '.join(known)}"
     return ""
 
 
-def _list_names_of_table(model: type[BaseModel], location: Location) -> str:
+def _describe_table_fields(model: type[BaseModel], location: Location) -> str:
     """Return what to add to a message where no table stands: the fields that it has, if few."""
-    fields = _list_fields(model, (*location, ""))
+    fields = _map_table_fields_by_name(model, (*location, ""))
     if not fields or len(fields) > _FEW:
         return ""
     return f"; its fields are {', '.join(fields)}"
@@ -221,7 +223,7 @@ def _format_finding(finding: ErrorDetails, name: str) -> list[str]:
         text = finding["msg"]
         if "ctx" in finding:
             text = str(finding["ctx"]["error"])
-        return [_name_rule(rule, name) for rule in text.splitlines()]
+        return [_prefix_rule_with_name(rule, name) for rule in text.splitlines()]
     if kind.startswith("int_"):
         return [f"{name} must be a whole number, got {shorten_value(value)}"]
     if kind == "string_pattern_mismatch":
@@ -235,7 +237,7 @@ def _format_finding(finding: ErrorDetails, name: str) -> list[str]:
     return [f"{name}: {text[:1].lower()}{text[1:]}, got {shorten_value(value)}"]
 
 
-def _name_rule(rule: str, name: str) -> str:
+def _prefix_rule_with_name(rule: str, name: str) -> str:
     """Put the name of a field before its rule, unless the rule begins with the name."""
     field_name = name.rsplit(".", 1)[-1]
     if not name or rule.startswith((field_name, f"`{name}")):
@@ -251,23 +253,23 @@ def shorten_value(value: object) -> str:
     return text[: _LONGEST_VALUE - 3] + "..."
 
 
-def find_similar(word: str, known: Iterable[str]) -> str | None:
+def find_similar_name(word: str, known: Iterable[str]) -> str | None:
     """Find the name that was probably meant."""
     similar = difflib.get_close_matches(word, list(known), 1, _SIMILAR_ENOUGH)
     return similar[0] if similar else None
 
 
-def _list_fields(model: type[BaseModel], location: Location) -> dict[str, FieldInfo]:
+def _map_table_fields_by_name(model: type[BaseModel], location: Location) -> dict[str, FieldInfo]:
     """Return the fields, by their names in the file, of the table in which a location lies."""
     fields = {}
-    for table in _find_tables(model, location):
+    for table in _find_table_models(model, location):
         for name, field in table.model_fields.items():
             if not field.exclude:
                 fields[field.alias or name] = field
     return fields
 
 
-def _find_tables(model: type[BaseModel], location: Location) -> list[type[BaseModel]]:
+def _find_table_models(model: type[BaseModel], location: Location) -> list[type[BaseModel]]:
     """Return the models that the table may have in which a location lies."""
     tables = [model]
     for step in location[:-1]:
@@ -275,7 +277,7 @@ def _find_tables(model: type[BaseModel], location: Location) -> list[type[BaseMo
         for table in tables:
             field = table.model_fields.get(str(step))
             if field is not None:
-                below.extend(_yield_models(field.annotation))
+                below.extend(_yield_models_in_annotation(field.annotation))
         if below:
             tables = below
     return tables
@@ -284,23 +286,23 @@ def _find_tables(model: type[BaseModel], location: Location) -> list[type[BaseMo
 def _find_meant_name(model: type[BaseModel], location: Location) -> str | None:
     """Find what an unknown name meant: one like it in its table, or the same in a table below."""
     word = str(location[-1])
-    fields = _list_fields(model, location)
-    similar = find_similar(word, fields)
+    fields = _map_table_fields_by_name(model, location)
+    similar = find_similar_name(word, fields)
     if similar:
         return similar
     for name, field in fields.items():
-        for table in _yield_models(field.annotation):
+        for table in _yield_models_in_annotation(field.annotation):
             if word in table.model_fields:
                 return f"{name}.{word}"
     return None
 
 
-def _yield_models(annotation: object) -> Iterator[type[BaseModel]]:
+def _yield_models_in_annotation(annotation: object) -> Iterator[type[BaseModel]]:
     """Yield the models in the type of a field, such as those of a list or a union."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         yield annotation
     for part in get_args(annotation):
-        yield from _yield_models(part)
+        yield from _yield_models_in_annotation(part)
 
 
 def _correct_names(
@@ -314,7 +316,7 @@ def _correct_names(
     data = deepcopy(data)
     for finding in unknown:
         *path, name = finding["loc"]
-        table = _follow_path(data, path)
+        table = _get_value_at_path(data, path)
         if not isinstance(table, dict) or name not in table:
             continue
         value = table.pop(name)
@@ -327,7 +329,7 @@ def _correct_names(
     return data
 
 
-def _follow_path(data: object, path: Sequence[Any]) -> object:
+def _get_value_at_path(data: object, path: Sequence[Any]) -> object:
     """Return what lies in data at the end of a location, whose steps need not be keys.
 
     A step of pydantic's that names the branch of a union is passed over.

@@ -141,13 +141,13 @@ def parse_quantity(text: object, dimension: str) -> float:
     """
     _check_dimension(dimension)
     unit, example = _KNOWN[dimension]
-    wanted = f"{_format_rule(dimension)} such as {example!r}"
+    wanted = f"{_format_dimension_rule(dimension)} such as {example!r}"
     if is_quantity(text):
-        value = _convert_quantity(text, unit, wanted)
+        value = _convert_pint_quantity(text, unit, wanted)
     elif isinstance(text, str):
-        value = _parse_magnitude(text, unit, wanted)
+        value = _parse_text_with_unit(text, unit, wanted)
     elif isinstance(text, int | float) and dimension == "ratio" and not isinstance(text, bool):
-        value = _convert_ratio(text, wanted)
+        value = _convert_ratio_to_float(text, wanted)
     else:
         hint = ""
         if isinstance(text, int | float):
@@ -215,7 +215,7 @@ def read_array(values: object, dimension: str) -> "NDArray[np.float64]":
     given: Any = values
     if is_quantity(given):
         plain = read_array(given.magnitude, "ratio")
-        factor = _find_unit_size(given.units, dimension)
+        factor = _compute_unit_size(given.units, dimension)
         return np.asarray(multiply_by_unit(plain, factor))
     attributes = getattr(given, "attrs", None)
     if isinstance(attributes, dict) and isinstance(attributes.get("units"), str):
@@ -226,7 +226,7 @@ def read_array(values: object, dimension: str) -> "NDArray[np.float64]":
     return _convert_numbers_or_texts(given, dimension)
 
 
-def _format_rule(dimension: str) -> str:
+def _format_dimension_rule(dimension: str) -> str:
     """Format the rule that a value must have a dimension, as in ``must be a length``."""
     article = "a"
     if dimension[0] in "ae":
@@ -234,11 +234,11 @@ def _format_rule(dimension: str) -> str:
     return f"must be {article} {dimension}"
 
 
-def _find_unit_size(unit: Any, dimension: str) -> float:
+def _compute_unit_size(unit: Any, dimension: str) -> float:
     """Return how many SI units a unit of Pint has; refuse one of another dimension."""
-    wanted = _format_rule(dimension)
+    wanted = _format_dimension_rule(dimension)
     try:
-        return _convert_quantity(1.0 * unit, DIMENSIONS[dimension], wanted)
+        return _convert_pint_quantity(1.0 * unit, DIMENSIONS[dimension], wanted)
     except QuantityError as error:
         raise QuantityError(f"{wanted}, got the unit {unit!s:.60}") from error
 
@@ -260,16 +260,16 @@ def _convert_numbers_or_texts(values: Any, dimension: str) -> "NDArray[np.float6
         objects = np.empty(len(values), dtype=object)
         for place, value in enumerate(values):  # all at once, Pint would be asked for numbers
             objects[place] = value
-        return _read_objects(objects, dimension)
+        return _read_object_array(objects, dimension)
     array = np.asarray(values)
     if array.dtype.kind == "b" and array.size:
         return _convert_numbers_or_texts(array, dimension)
     if array.dtype.kind in "biuf":
         return np.asarray(array, dtype=np.float64)
-    return _read_objects(np.asarray(values, dtype=object), dimension)
+    return _read_object_array(np.asarray(values, dtype=object), dimension)
 
 
-def _read_objects(array: "NDArray[np.object_]", dimension: str) -> "NDArray[np.float64]":
+def _read_object_array(array: "NDArray[np.object_]", dimension: str) -> "NDArray[np.float64]":
     """Read an array of texts, quantities or numbers one by one."""
     import numpy as np
 
@@ -291,8 +291,8 @@ def _read_objects(array: "NDArray[np.object_]", dimension: str) -> "NDArray[np.f
     return read
 
 
-def _convert_quantity(quantity: Any, unit: str, wanted: str) -> float:
-    """Return a quantity of Pint in a unit; `wanted` begins the message where it is of another."""
+def _convert_pint_quantity(quantity: Any, unit: str, message_start: str) -> float:
+    """Return a quantity of Pint in a unit; `message_start` begins the message of a refusal."""
     try:
         magnitude = float(quantity.magnitude)
         if unit == "K":  # a scale of temperature has an offset beside the size of its degree
@@ -300,7 +300,7 @@ def _convert_quantity(quantity: Any, unit: str, wanted: str) -> float:
         factor = float((1.0 * quantity.units).to(unit or "dimensionless").magnitude)
     except _list_unit_errors() as error:
         shown = " ".join(str(quantity).split())
-        raise QuantityError(f"{wanted}, got {shown:.60}") from error
+        raise QuantityError(f"{message_start}, got {shown:.60}") from error
     return multiply_by_unit(magnitude, factor)
 
 
@@ -312,39 +312,43 @@ def _check_dimension(dimension: object) -> None:
         raise QuantityError(f"dimension must be one of {known}, got {shown:.60}")
 
 
-def _convert_ratio(number: float, wanted: str) -> float:
+def _convert_ratio_to_float(number: float, message_start: str) -> float:
     """Return a ratio that was given as a number; a whole one may be beyond the largest double."""
     try:
         return float(number)
     except OverflowError as error:
-        raise QuantityError(f"{wanted} and finite, got a whole number of many digits") from error
+        raise QuantityError(
+            f"{message_start} and finite, got a whole number of many digits"
+        ) from error
 
 
 @lru_cache(maxsize=4096)  # the stanzas of a series share all but a few of their texts
-def _parse_magnitude(text: str, unit: str, wanted: str) -> float:
+def _parse_text_with_unit(text: str, unit: str, message_start: str) -> float:
     """Parse a text with a unit, and return its number in `unit`.
 
-    `wanted` begins the message of a refusal.
+    `message_start` begins the message of a refusal.
     """
     if len(text) > _MAX_TEXT:
-        raise QuantityError(f"{wanted}, got {text[: _MAX_TEXT - 3] + '...'!r}")
+        raise QuantityError(f"{message_start}, got {text[: _MAX_TEXT - 3] + '...'!r}")
     parsed = _QUANTITY.fullmatch(text)
     if parsed is None or (unit and not parsed[2]):
         hint = ""
         if "," in text and _QUANTITY.fullmatch(text.replace(",", ".", 1)):
             hint = " (the decimal sign is a point)"
-        raise QuantityError(f"{wanted}, got {text!r}{hint}")
+        raise QuantityError(f"{message_start}, got {text!r}{hint}")
     number = float(parsed[1])
     size = COMMON_SIZES.get(unit, {}).get(parsed[2])
     if size is not None:
         return float(multiply_by_unit(number, size))
     try:
-        return _convert_unit(number, parsed[2] or "dimensionless", unit or "dimensionless")
+        return _convert_number_between_units(
+            number, parsed[2] or "dimensionless", unit or "dimensionless"
+        )
     except _list_unit_errors() as error:
-        raise QuantityError(f"{wanted}, got {text!r}") from error
+        raise QuantityError(f"{message_start}, got {text!r}") from error
 
 
-def _convert_unit(number: float, written: str, unit: str) -> float:
+def _convert_number_between_units(number: float, written: str, unit: str) -> float:
     """Return a number, written with a unit, in another unit of the same dimension."""
     registry = _build_registry()
     units = registry.Quantity(1.0, written).units
@@ -450,7 +454,7 @@ def format_quantity(value: float, dimension: str, digits: int = 4) -> str:
     """
     _check_dimension(dimension)
     _check_digits(digits)
-    factor, symbol = _choose_unit(abs(value), dimension)
+    factor, symbol = _choose_display_unit(abs(value), dimension)
     return f"{value / factor:.{digits}g} {symbol}".strip()
 
 
@@ -519,7 +523,7 @@ def format_column(values: Sequence[object], *, exact: bool = False) -> list[str]
     """Write the cells of a column: fractions to three digits, all if `exact`, text with units."""
     texts = ["-" if value is None else str(value) for value in values]
     try:
-        numbers = [_parse_cell(text) for text in texts]
+        numbers = [_parse_cell_number(text) for text in texts]
     except ValueError:
         return [format_units(text) for text in texts]
     is_whole = all(number.is_integer() or math.isnan(number) for number in numbers)
@@ -536,7 +540,7 @@ def format_column(values: Sequence[object], *, exact: bool = False) -> list[str]
     return cells
 
 
-def _parse_cell(text: str) -> float:
+def _parse_cell_number(text: str) -> float:
     """Return the number in a cell, NaN in an empty one; a text is a ValueError."""
     if text in ("", "-"):
         return math.nan
@@ -586,14 +590,14 @@ def format_span(low: float, high: float, dimension: str) -> str:
     >>> format_span(18.5e-6, 2.08e-3, "energy")
     '18.5 µJ to 2.08 mJ'
     """
-    factor, symbol = _choose_unit(max(abs(low), abs(high)), dimension)
+    factor, symbol = _choose_display_unit(max(abs(low), abs(high)), dimension)
     if 0.0 < low < 0.1 * factor:
         return f"{format_span(low, low, dimension)} to {format_span(high, high, dimension)}"
     ends = dict.fromkeys((format_number(low / factor), format_number(high / factor)))
     return f"{' to '.join(ends)} {_SIGNS.get(symbol, symbol)}".strip()
 
 
-def _choose_unit(value: float, dimension: str) -> tuple[float, str]:
+def _choose_display_unit(value: float, dimension: str) -> tuple[float, str]:
     """Return the size in SI and the symbol of the unit in which people write a value."""
     if dimension not in _SCALES:
         return 1.0, DIMENSIONS[dimension]

@@ -103,11 +103,11 @@ def test_two_nanometres_too_high_are_caught(form, folder, block):
 
 
 def test_a_concave_piece_is_caught(folder, block):
-    from stepblocks.artefacts.meshes.write import write_pieces
+    from stepblocks.artefacts.meshes.write import write_convex_pieces
 
     path = folder / f"{block.id}.convex.obj"
     vertices, triangles, *_ = read_mesh(folder / f"{block.id}.stl")
-    write_pieces(path, [Mesh("whole", vertices, triangles)])
+    write_convex_pieces(path, [Mesh("whole", vertices, triangles)])
     assert "concavity of the pieces" in failures(block, path)
 
 
@@ -192,7 +192,7 @@ def test_no_integer_height_fields_exist(shipped_output):
 
 def test_a_sphere_fitted_to_exact_points_has_their_radius():
     # Origin: points constructed on a sphere of 125 um about (3, -2, 125) um.
-    from stepblocks.artefacts.meshes.measures import fit_sphere_radius
+    from stepblocks.artefacts.meshes.measures import fit_sphere_radius_and_form
 
     angles = np.linspace(0.1, 1.4, 20)[:, None], np.linspace(0.0, 6.0, 25)[None, :]
     ball = np.stack(
@@ -203,6 +203,8 @@ def test_a_sphere_fitted_to_exact_points_has_their_radius():
         ),
         axis=-1,
     )
-    radius, form = fit_sphere_radius(ball.reshape(-1, 3) * 125e-6 + np.array([3e-6, -2e-6, 125e-6]))
+    radius, form = fit_sphere_radius_and_form(
+        ball.reshape(-1, 3) * 125e-6 + np.array([3e-6, -2e-6, 125e-6])
+    )
     assert radius == pytest.approx(125e-6, rel=1e-10)
     assert form < 1e-14

@@ -16,9 +16,9 @@ from stepblocks.artefacts.heightfield import (
     sample_height_field,
     write_height_field,
 )
-from stepblocks.artefacts.meshes.measures import MeshMeasures, fit_sphere_radius
-from stepblocks.artefacts.meshes.read import read_mesh, read_pieces
-from stepblocks.artefacts.meshes.write import MESH_FORMATS, write_pieces
+from stepblocks.artefacts.meshes.measures import MeshMeasures, fit_sphere_radius_and_form
+from stepblocks.artefacts.meshes.read import read_convex_pieces, read_mesh
+from stepblocks.artefacts.meshes.write import MESH_FORMATS, write_convex_pieces
 from stepblocks.errors import HapticsError, MetrologyError
 from stepblocks.files import confined
 from stepblocks.parts.shapes import Mesh, compute_enclosed_volume, require_manifold
@@ -147,7 +147,7 @@ def test_a_ball_is_fitted_up_to_where_the_cone_begins():
 
 
 def test_too_few_points_make_no_sphere():
-    assert all(map(math.isnan, fit_sphere_radius(np.zeros((4, 3)))))
+    assert all(map(math.isnan, fit_sphere_radius_and_form(np.zeros((4, 3)))))
 
 
 @pytest.mark.parametrize("form", MESH_FORMATS)
@@ -168,8 +168,10 @@ def test_another_library_reads_what_each_writer_wrote(form, tmp_path):
 
 def test_pieces_come_back_apart(tmp_path):
     path = tmp_path / "two.convex.obj"
-    write_pieces(path, [Mesh("a", *box()), Mesh("b", *box((1e-3, 1e-3, 1e-3), (5e-3, 0.0, 0.0)))])
-    volumes = [MeshMeasures(*piece[:2]).volume for piece in read_pieces(path)]
+    write_convex_pieces(
+        path, [Mesh("a", *box()), Mesh("b", *box((1e-3, 1e-3, 1e-3), (5e-3, 0.0, 0.0)))]
+    )
+    volumes = [MeshMeasures(*piece[:2]).volume for piece in read_convex_pieces(path)]
     assert volumes == pytest.approx([6e-9, 1e-9], rel=1e-9)
 
 
@@ -197,7 +199,7 @@ def test_what_is_no_mesh_is_refused_with_its_place(tmp_path, name, content):
     path = tmp_path / name
     path.write_bytes(content)
     with pytest.raises(MetrologyError, match=r"a\.(convex\.)?\w+"):
-        (read_pieces if "convex" in name else read_mesh)(path)
+        (read_convex_pieces if "convex" in name else read_mesh)(path)
 
 
 def crowded(path):

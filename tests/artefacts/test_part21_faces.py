@@ -6,7 +6,7 @@ import pytest
 
 from oracles.part21_text import SHAPE, circle, exchange_of, face, line
 from stepblocks.artefacts.step.distances import measure_angle, measure_distance, measure_size
-from stepblocks.artefacts.step.faces import find_faces
+from stepblocks.artefacts.step.faces import find_surfaces_of_aspect
 
 Z = (0.0, 0.0, 1.0)
 X = (1.0, 0.0, 0.0)
@@ -15,7 +15,9 @@ X = (1.0, 0.0, 0.0)
 def surfaces(folder, *items):
     """Surface of each item; their numbers are 100, 200, ..."""
     file = exchange_of(SHAPE + "\n" + "".join(items), folder)
-    return [find_faces(file, f"#{100 * index + 1}") for index in range(1, len(items) + 1)]
+    return [
+        find_surfaces_of_aspect(file, f"#{100 * index + 1}") for index in range(1, len(items) + 1)
+    ]
 
 
 def plane(number, point, axis=Z):
@@ -158,7 +160,7 @@ def test_a_face_on_a_surface_that_is_not_understood_is_listed_but_measures_nothi
     aspect = "#101=SHAPE_ASPECT('','',$,.T.);"
     usage = "#102=GEOMETRIC_ITEM_SPECIFIC_USAGE('','',#101,#5,#100);"
     file = exchange_of(f"{SHAPE}{spline}{aspect}{usage}", tmp_path)
-    (found,) = find_faces(file, "#101")
+    (found,) = find_surfaces_of_aspect(file, "#101")
     assert found.kind == "B_SPLINE_SURFACE_WITH_KNOTS"
     assert measure_size([found], "diameter") is None
     assert math.isnan(found.point[0])

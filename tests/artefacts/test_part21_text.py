@@ -10,11 +10,11 @@ from oracles.part21_text import MILLIMETRE, SHAPE, exchange_of, face, text_of
 from stepblocks.artefacts.step import exchange
 from stepblocks.artefacts.step.check_step import check_step, format_step_requirements
 from stepblocks.artefacts.step.dimensions import list_dimensions
-from stepblocks.artefacts.step.exchange import Typed, is_reference, read_number
+from stepblocks.artefacts.step.exchange import Typed, is_reference, read_numeric_parameter
 from stepblocks.artefacts.step.tolerances import list_tolerances
 from stepblocks.artefacts.step.units import (
-    find_mistyped_measures,
-    read_densities,
+    list_mistyped_measures,
+    read_densities_and_faults,
     read_measure,
     read_unit,
 )
@@ -38,7 +38,7 @@ def test_an_instance_is_found_by_any_of_its_entities_and_by_its_users(tmp_path):
     file = exchange_of(
         f"{MILLIMETRE}#7=LENGTH_MEASURE_WITH_UNIT(LENGTH_MEASURE(2.),#1);#8=SET((#7,#7));", tmp_path
     )
-    assert [ref for ref, _ in file.find_instances("SI_UNIT", "NAMED_UNIT")] == ["#1", "#1"]
+    assert [ref for ref, _ in file.yield_instances("SI_UNIT", "NAMED_UNIT")] == ["#1", "#1"]
     assert file.list_referrers("#1") == ["#7"]
     assert file.list_referrers("#7") == ["#8"]
     assert file.list_referrers("#8") == []
@@ -47,7 +47,7 @@ def test_an_instance_is_found_by_any_of_its_entities_and_by_its_users(tmp_path):
 
 
 def test_only_numbers_are_numbers_and_only_references_references():
-    assert [read_number(value) for value in (1, 2.5, True, "3", None)] == [
+    assert [read_numeric_parameter(value) for value in (1, 2.5, True, "3", None)] == [
         1.0,
         2.5,
         None,
@@ -85,18 +85,18 @@ def test_a_lost_quote_in_a_long_file_is_reported_at_once(tmp_path):
 
 def test_size_and_place_of_a_file_are_limited(tmp_path, monkeypatch):
     with pytest.raises(MetrologyError, match="must be a file"):
-        exchange.read_exchange(tmp_path)
+        exchange.read_exchange_file(tmp_path)
     path = tmp_path / "big.step"
     path.write_text(text_of("#1=A(1);"))
     monkeypatch.setattr(exchange, "_MOST_BYTES", 10)
     with pytest.raises(MetrologyError, match="must not exceed"):
-        exchange.read_exchange(path)
+        exchange.read_exchange_file(path)
 
 
 def test_a_comment_in_latin_1_is_passed_over(tmp_path):
     path = tmp_path / "old.step"
     path.write_bytes(text_of("#1=PRODUCT('Stahl') /* gehärtet */ ;").encode("latin-1"))
-    assert exchange.read_exchange(path).get_parameters("#1", "PRODUCT") == ("Stahl",)
+    assert exchange.read_exchange_file(path).get_parameters("#1", "PRODUCT") == ("Stahl",)
 
 
 UNITS = f"""{MILLIMETRE}
@@ -168,7 +168,7 @@ def test_a_measure_is_the_nearest_double_of_its_si_value(unit, value, metres, tm
     ],
 )
 def test_measures_must_be_typed_and_fit_their_unit(measure, finding, tmp_path):
-    (found,) = find_mistyped_measures(exchange_of(f"{UNITS}#20={measure};", tmp_path))
+    (found,) = list_mistyped_measures(exchange_of(f"{UNITS}#20={measure};", tmp_path))
     assert found.startswith("#20 ")
     assert finding in found
 
@@ -190,7 +190,7 @@ def test_a_density_has_its_unit_and_the_size_of_a_solid(elements, value, wanted,
     item = (
         f"#24=MEASURE_REPRESENTATION_ITEM('mass density',POSITIVE_RATIO_MEASURE({value:.9E}),#23);"
     )
-    densities, findings = read_densities(
+    densities, findings = read_densities_and_faults(
         exchange_of(f"{UNITS}{parts}#23=DERIVED_UNIT((#21,#22));{item}", tmp_path)
     )
     if isinstance(wanted, str):

@@ -17,8 +17,8 @@ from stepblocks.artefacts.check import check_artefact
 from stepblocks.artefacts.check_part import check_part_step
 from stepblocks.artefacts.meshes.write import write_stl
 from stepblocks.artefacts.step.check_step import check_step, format_step_requirements
-from stepblocks.artefacts.step.exchange import read_exchange
-from stepblocks.artefacts.step.faces import find_faces
+from stepblocks.artefacts.step.exchange import read_exchange_file
+from stepblocks.artefacts.step.faces import find_surfaces_of_aspect
 from stepblocks.artefacts.step.write import write_step_ap242
 from stepblocks.declaration.read import load_set
 from stepblocks.parts.characteristics import EdgeRule, find_face_index
@@ -38,7 +38,7 @@ def test_every_stimulus_names_only_faces_that_its_solid_has():
         if key in seen:  # heights of one block differ in nothing here
             continue
         seen.add(key)
-        faces = [kernel.describe_faces(body) for _, body in build_solids(stimulus)]
+        faces = [kernel.list_faces(body) for _, body in build_solids(stimulus)]
         for one in stimulus.characteristics():
             found = set()
             for rule in one.faces:
@@ -103,14 +103,14 @@ def test_an_assembly_alone_is_the_same_bytes_as_after_a_hundred_others(tmp_path)
 import sys
 from pathlib import Path
 from oracles.written_steps import STIMULI, written
-from stepblocks.artefacts.step.write import write_conforming
+from stepblocks.artefacts.step.write import write_conforming_step
 from stepblocks.cad.kernel import make_box
 folder, crown = Path(sys.argv[1]), STIMULI["crown-shoulder"]
 alone = written(crown.id, folder).read_bytes()
 sizes = (("a", 1e-3), ("b", 2e-3))
 bodies = [(name, make_box((0.0, 0.0, 0.0), (size, 1e-3, 1e-3))) for name, size in sizes]
 for _ in range(50):
-    write_conforming(folder / "small.step", "small", bodies, crown.material, [])
+    write_conforming_step(folder / "small.step", "small", bodies, crown.material, [])
 assert written(crown.id, folder).read_bytes() == alone
 """
     folders = os.pathsep.join(str(ROOT / name) for name in ("src", "tests"))
@@ -148,14 +148,14 @@ def test_the_gaps_of_a_crown_are_measured_between_the_faces_of_two_bodies(tmp_pa
         "internal gap": 60.0,
         "internal gap, roof": 60.0,
     }
-    file = read_exchange(path)
+    file = read_exchange_file(path)
     for one in gaps.values():
         assert (
             len(
                 {
                     face.representation
                     for side in file.get_parameters(one.ref, "DIMENSIONAL_LOCATION")[2:4]
-                    for face in find_faces(file, side)
+                    for face in find_surfaces_of_aspect(file, side)
                 }
             )
             == 2
@@ -298,7 +298,7 @@ def test_a_sharp_edge_is_a_radius_of_zero_on_the_edge_itself(block):
     (edge,) = [one for one in report.dimensions if one.kind == "radius"]
     assert (edge.value, edge.lower, edge.upper) == pytest.approx((0.0, 0.0, 2e-6), abs=1e-15)
     assert edge.geometry == 0.0
-    assert "EDGE_CURVE" in read_exchange(block).get_entities(edge.faces[0])
+    assert "EDGE_CURVE" in read_exchange_file(block).get_entities(edge.faces[0])
 
 
 def joined(path):

@@ -7,8 +7,8 @@ import pytest
 from oracles.written_steps import STIMULI
 from stepblocks.artefacts.check_part import check_part_step
 from stepblocks.artefacts.step.check_step import check_step
-from stepblocks.artefacts.step.conform import make_conforming
-from stepblocks.artefacts.step.exchange import read_exchange
+from stepblocks.artefacts.step.conform import repair_step_text
+from stepblocks.artefacts.step.exchange import read_exchange_file
 from stepblocks.cli import main
 from stepblocks.errors import MachiningError, MetrologyError
 from stepblocks.parts.characteristics import FaceRule, find_face_index
@@ -161,7 +161,7 @@ def test_a_file_that_claims_nothing_is_not_proven(kept, tmp_path, capsys):
 
 
 def test_what_the_kernel_alone_writes_does_not_pass(tmp_path):
-    # the reason for `make_conforming`: without it the checker must object, or it proves nothing
+    # the reason for `repair_step_text`: without it the checker must object, or it proves nothing
     from stepblocks.cad.pmi import PmiDimension, PmiItem, PmiMaterial, write_step_with_tolerances
 
     stimulus = STIMULI["tip-125"]
@@ -169,7 +169,7 @@ def test_what_the_kernel_alone_writes_does_not_pass(tmp_path):
     raw = tmp_path / "raw.step"
     from stepblocks.cad import kernel
 
-    sphere = [face.kind for face in kernel.describe_faces(bodies[0][1])].index("SPHERE")
+    sphere = [face.kind for face in kernel.list_faces(bodies[0][1])].index("SPHERE")
     write_step_with_tolerances(
         raw,
         bodies,
@@ -181,18 +181,18 @@ def test_what_the_kernel_alone_writes_does_not_pass(tmp_path):
     assert sum("value must be typed" in line for line in findings) == 2
     assert sum("density: unit" in line for line in findings) == 1
     mended = tmp_path / "mended.step"
-    mended.write_text(make_conforming(raw.read_text(), "tip-125"))
+    mended.write_text(repair_step_text(raw.read_text(), "tip-125"))
     assert check_step(mended, require_ap242=True).passes
 
 
 def test_a_face_that_is_not_there_and_a_text_without_a_header_are_refused():
     from stepblocks.cad import kernel
 
-    faces = kernel.describe_faces(build_solids(STIMULI["tip-125"])[0][1])
+    faces = kernel.list_faces(build_solids(STIMULI["tip-125"])[0][1])
     with pytest.raises(MachiningError, match="a face must exist"):
         find_face_index(faces, FaceRule("PLANE", 2, -1.0), "tip-125")
     with pytest.raises(MachiningError, match="FILE_NAME"):
-        make_conforming("DATA;\nENDSEC;", "x")
+        repair_step_text("DATA;\nENDSEC;", "x")
 
 
 @pytest.mark.parametrize(
@@ -212,7 +212,7 @@ def test_broken_step_text_gives_one_line(text, rule, tmp_path):
     path = tmp_path / "broken.step"
     path.write_text(text)
     with pytest.raises(MetrologyError, match=rule) as caught:
-        read_exchange(path)
+        read_exchange_file(path)
     assert "\n" not in str(caught.value)
 
 

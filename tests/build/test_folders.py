@@ -21,9 +21,9 @@ from stepblocks.build.manifest import (
     hash_bytes,
     hash_file,
     load_manifest,
-    load_record,
-    load_sealed,
-    write_sealed,
+    load_sealed_json,
+    load_stimulus_record,
+    write_sealed_json,
 )
 from stepblocks.build.run import BuildReport, build_sets
 from stepblocks.cli import main
@@ -92,7 +92,7 @@ def test_a_list_of_files_is_intact_when_all_are_there_as_written(tmp_path):
 @pytest.mark.parametrize("content", ["", "{", "[1]", '{"outputs": [1]}', '{"outputs": "x"}'])
 def test_a_record_that_is_none_lists_no_files(content, tmp_path):
     (tmp_path / RECORD).write_text(content)
-    assert load_record(tmp_path) is None
+    assert load_stimulus_record(tmp_path) is None
     assert load_manifest(tmp_path) is None
 
 
@@ -109,10 +109,10 @@ def test_a_manifest_that_names_a_file_outside_does_not_delete_it(place, copy, tm
     victim.parent.mkdir()
     victim.write_text("mine")
     name = str(victim) if place == "absolute" else "../precious/notes.txt"
-    content = load_sealed(copy / "manifest.json")
+    content = load_sealed_json(copy / "manifest.json")
     content["outputs"][name] = hash_file(victim)
     content["code"] = "an older one"
-    write_sealed(copy / "manifest.json", content)
+    write_sealed_json(copy / "manifest.json", content)
     build_sets(SHEATHS, copy, jobs=1)
     assert victim.read_text() == "mine"
     assert name not in load_manifest(copy).outputs
@@ -123,9 +123,9 @@ def test_a_record_that_names_a_file_outside_does_not_delete_it(place, copy, tmp_
     victim = tmp_path / "out" / "mine.txt"
     victim.write_text("mine")
     path = copy / "sheaths" / "sheath-soft" / RECORD
-    content = load_sealed(path)
+    content = load_sealed_json(path)
     content["outputs"][str(victim) if place == "absolute" else "../../mine.txt"] = hash_file(victim)
-    write_sealed(path, content)
+    write_sealed_json(path, content)
     report = build_sets(SHEATHS, copy, jobs=1)
     # its record is not believed, so it is made again
     assert report.built == ["sheaths/sheath-soft"]
@@ -208,9 +208,9 @@ def test_check_predicts_a_table_again_and_does_not_ask_the_manifest_alone(copy):
     at = rows[0].index("vibration_energy_uj")
     rows[2][at] = str(1.001 * float(rows[2][at]))
     table.write_text("\n".join(map(",".join, rows)) + "\n")
-    content = load_sealed(manifest)
+    content = load_sealed_json(manifest)
     content["outputs"]["sheaths/predictions.csv"] = hash_file(table)
-    write_sealed(manifest, content)  # as if a program that errs had written both
+    write_sealed_json(manifest, content)  # as if a program that errs had written both
     verdicts = dict(check_output(SHEATHS, copy))["sheaths/predictions.csv"]
     assert [one.deviation for one in verdicts if not one.passed] == [1.0]
 
@@ -235,7 +235,7 @@ def test_a_record_that_has_lost_a_part_counts_as_not_built(lost, copy):
     content = json.loads(path.read_text())
     del content[lost]
     path.write_text(json.dumps(content))
-    assert load_record(path.parent) is None
+    assert load_stimulus_record(path.parent) is None
     # the other is left out of the page
     assert build_sets(SHEATHS, copy, only="sheath-hard", jobs=1).built == []
     assert "sheath-soft.step" not in (copy / "index.html").read_text()
@@ -360,7 +360,9 @@ def test_a_folder_whose_stimulus_goes_while_it_is_built_gets_no_manifest(copy, m
     whole = (copy / MANIFEST).read_bytes()
     (copy / MANIFEST).unlink()
     (copy / "sheaths" / "sheath-hard" / RECORD).unlink()
-    monkeypatch.setattr(building, "_find_outdated", lambda *_: [])  # it stood there a moment ago
+    monkeypatch.setattr(
+        building, "_find_outdated_stimuli", lambda *_: []
+    )  # it stood there a moment ago
     with pytest.raises(PipelineError, match="no other program may remove files while they are"):
         build_sets(SHEATHS, copy, jobs=1)
     assert not (copy / MANIFEST).exists()

@@ -13,8 +13,8 @@ import pytest
 from stepblocks.build import picture
 from stepblocks.build.curves import compute_curves
 from stepblocks.build.manifest import StimulusRecord
-from stepblocks.build.page import Section, describe_felt_ranges, write_page
-from stepblocks.build.picture import draw_part, exaggerate_heights, write_view_call
+from stepblocks.build.page import Section, write_page, yield_felt_range_lines
+from stepblocks.build.picture import exaggerate_heights, render_part_picture, write_view_call
 from stepblocks.contact.energy import Status
 from stepblocks.declaration.read import load_set
 
@@ -47,15 +47,17 @@ def test_a_close_up_is_the_closed_intersection_with_its_box():
 
 
 def test_several_bodies_are_opened_and_one_is_not():
-    (whole,) = picture._cut_open([BOX])
+    (whole,) = picture._cut_open_bodies([BOX])
     assert whole.volume == pytest.approx(8.0)
-    assert [body.volume for body in picture._cut_open([BOX, BOX])] == pytest.approx([4.0, 4.0])
+    assert [body.volume for body in picture._cut_open_bodies([BOX, BOX])] == pytest.approx(
+        [4.0, 4.0]
+    )
 
 
 def test_a_picture_shows_the_part_on_either_side(tmp_path):
     from PIL import Image
 
-    draw_part(tmp_path / "a.png", [BOX], 1.0, 0.25e-3, (1e-3, 0.0, 0.0))
+    render_part_picture(tmp_path / "a.png", [BOX], 1.0, 0.25e-3, (1e-3, 0.0, 0.0))
     with Image.open(tmp_path / "a.png") as image:
         pixels = np.asarray(image.convert("L"), dtype=float)
     assert pixels.shape == (400, 960)
@@ -133,14 +135,14 @@ def release(status, force=0.0, energy=0.0):
 def test_the_summary_says_what_is_felt_and_what_is_not():
     felt = [release(Status.RELEASES, 0.5, 1e-6), release(Status.RELEASES, 2.0, 30e-6)]
     locked, flat = release(Status.LOCKED), release(Status.NO_CATCH)
-    assert list(describe_felt_ranges(felt)) == ["up: 0.5 to 2 N, 1 to 30 µJ"]
-    assert list(describe_felt_ranges([*felt, locked, locked])) == [
+    assert list(yield_felt_range_lines(felt)) == ["up: 0.5 to 2 N, 1 to 30 µJ"]
+    assert list(yield_felt_range_lines([*felt, locked, locked])) == [
         "up: 0.5 to 2 N, 1 to 30 µJ; locked in 2 of 4"
     ]
-    assert list(describe_felt_ranges([locked, flat])) == [
+    assert list(yield_felt_range_lines([locked, flat])) == [
         "up: locked in 1 of 2; no catch in 1 of 2"
     ]
-    assert list(describe_felt_ranges([])) == []
+    assert list(yield_felt_range_lines([])) == []
 
 
 def test_the_page_opens_with_the_steps_of_the_paper_and_else_keeps_the_order_of_the_user(

@@ -122,7 +122,7 @@ def test_the_search_and_the_filter_find(page):
 def test_nothing_overflows_on_a_narrow_or_a_wide_screen(page, width):
     size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
     page.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
-    page.refresh_offered_files()
+    page.refresh()
     wait_for(
         page, "document.querySelectorAll('#figure-paper-ten .scatterlayer .trace').length > 4", True
     )

@@ -44,7 +44,7 @@ def test_an_arc_goes_through_its_middle_point():
     half = [(3e-3, 0.0, 0.0), ((0.0, 3e-3, 0.0), (-3e-3, 0.0, 0.0))]
     body = kernel.extrude(half, (0.0, 0.0, 2e-3))
     assert kernel.compute_volume(body) == pytest.approx(0.5 * math.pi * 9e-6 * 2e-3, rel=1e-12)
-    (round_face,) = [face for face in kernel.describe_faces(body) if face.kind == "CYLINDER"]
+    (round_face,) = [face for face in kernel.list_faces(body) if face.kind == "CYLINDER"]
     assert round_face.radius == pytest.approx(3e-3, rel=1e-12)
 
 
@@ -111,11 +111,11 @@ def test_neighbouring_faces_share_their_points_and_no_triangle_is_flat():
 
 
 def test_faces_are_described_in_metres():
-    faces = kernel.describe_faces(ball(125e-6))
+    faces = kernel.list_faces(ball(125e-6))
     assert [face.kind for face in faces] == ["SPHERE"]
     assert faces[0].radius == pytest.approx(125e-6, rel=1e-12)
     assert faces[0].low == pytest.approx((-125e-6,) * 3, abs=2e-9)
-    assert math.isnan(kernel.describe_faces(box(1e-3, 1e-3, 1e-3))[0].radius)
+    assert math.isnan(kernel.list_faces(box(1e-3, 1e-3, 1e-3))[0].radius)
 
 
 def test_a_step_file_comes_back_with_its_volume(tmp_path):
@@ -123,7 +123,7 @@ def test_a_step_file_comes_back_with_its_volume(tmp_path):
     write_step_with_tolerances(
         path, [("box", box(3e-3, 2e-3, 1e-3))], [], [], PmiMaterial("brass", 8470.0)
     )
-    (body,) = kernel.read_step(path)
+    (body,) = kernel.read_step_solids(path)
     assert kernel.compute_volume(body) == pytest.approx(6e-9, rel=1e-12)
     assert "AP242" in path.read_text().split("DATA;")[0]
 
@@ -133,12 +133,12 @@ def test_what_is_no_step_file_is_refused(tmp_path, content):
     path = tmp_path / "bad.step"
     path.write_text(content)
     with pytest.raises(MetrologyError, match=r"bad\.step"):
-        kernel.read_step(path)
+        kernel.read_step_solids(path)
 
 
 def test_tolerances_stand_in_the_file_with_both_signs(tmp_path):
     path, body = tmp_path / "box.step", box(3e-3, 2e-3, 1e-3)
-    faces = kernel.describe_faces(body)
+    faces = kernel.list_faces(body)
     low, high = (
         next(
             i
@@ -169,7 +169,7 @@ def test_tolerances_stand_in_the_file_with_both_signs(tmp_path):
 
 def test_two_faces_that_do_not_meet_carry_no_edge(tmp_path):
     body = box(3e-3, 2e-3, 1e-3)
-    faces = kernel.describe_faces(body)
+    faces = kernel.list_faces(body)
     low, high = (
         next(
             i
@@ -191,9 +191,9 @@ def test_two_bodies_stay_products_of_one_assembly(tmp_path):
     write_step_with_tolerances(path, pair, [], [], PmiMaterial("zirconia", 6050.0), "seated")
     text = path.read_text()
     assert all(f"PRODUCT('{name}'" in text for name in ("tooth", "crown", "seated"))
-    assert sum(kernel.compute_volume(body) for body in kernel.read_step(path)) == pytest.approx(
-        2e-9, rel=1e-12
-    )
+    assert sum(
+        kernel.compute_volume(body) for body in kernel.read_step_solids(path)
+    ) == pytest.approx(2e-9, rel=1e-12)
 
 
 def test_a_fork_of_a_process_that_used_the_kernel_uses_it_too():

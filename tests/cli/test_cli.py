@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from stepblocks.cli import main, make_command
+from stepblocks.cli import main, make_root_command
 
 ROOT = Path(__file__).resolve().parents[2]
 HEAVY = {"numpy", "cadquery", "OCP", "pyvista", "matplotlib", "scipy", "pandas"}
@@ -48,7 +48,7 @@ def leaves(command, words=("stepblocks",)):
         yield from leaves(child, (*words, word))
 
 
-EVERY = dict(leaves(make_command()))
+EVERY = dict(leaves(make_root_command()))
 
 
 def parse(command, words):
@@ -84,7 +84,7 @@ def test_the_help_shows_every_command_in_a_group(capsys):
     assert "Missing command" in capsys.readouterr().err
     assert main(["--help"]) == 0
     text = capsys.readouterr().out
-    assert all(f"│ {name} " in text for name in make_command().commands)
+    assert all(f"│ {name} " in text for name in make_root_command().commands)
     assert "─ Commands " not in text
     assert main(["help", "study", "power"]) == 0
     assert "Usage: stepblocks study power" in capsys.readouterr().out

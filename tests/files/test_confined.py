@@ -65,11 +65,11 @@ def file(tmp_path, monkeypatch):
     (tmp_path / "hostile_readers.py").write_text(READERS)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
     monkeypatch.syspath_prepend(tmp_path)
-    confined._get_reader(os.getpid()).close()
+    confined._get_reader_process(os.getpid()).close()
     path = tmp_path / "x.bin"
     path.write_bytes(b"bytes")
     yield path
-    confined._get_reader(os.getpid()).close()
+    confined._get_reader_process(os.getpid()).close()
 
 
 def call(path, name, *arguments):
@@ -168,7 +168,7 @@ def test_a_pipe_a_folder_and_nothing_are_no_files(kind, words, file, tmp_path):
 @pytest.mark.parametrize("seen", [True, False])
 def test_a_reader_that_was_killed_leaves_no_open_pipe_and_no_unsent_bytes(seen, file):
     # the kernel kills what takes too much memory; whoever asks next may or may not see it first
-    reader = confined._get_reader(os.getpid())
+    reader = confined._get_reader_process(os.getpid())
     call(file, "number")
     killed = reader._process
     killed.kill()

@@ -68,7 +68,7 @@ def test_normals_of_stl_text_are_held_against_the_order_of_the_corners(capitals,
     mesh = read_stl(tmp_path / "a.stl")
     measures = MeshMeasures(mesh.vertices, mesh.triangles)
     assert measures.volume == pytest.approx(1.0 / 6.0, rel=1e-12)
-    assert measures.count_turned_normals(mesh.normals) == (4 if turned else 0)
+    assert measures.count_inward_normals(mesh.normals) == (4 if turned else 0)
 
 
 def test_binary_stl_has_its_normals_too_and_a_cut_file_is_refused(tmp_path):
@@ -80,7 +80,7 @@ def test_binary_stl_has_its_normals_too_and_a_cut_file_is_refused(tmp_path):
     mesh = read_stl(tmp_path / "a.stl")
     assert mesh.triangles.shape == (4, 3)
     # a normal of zero is none, and is not counted
-    assert MeshMeasures(mesh.vertices, mesh.triangles).count_turned_normals(mesh.normals) == 0
+    assert MeshMeasures(mesh.vertices, mesh.triangles).count_inward_normals(mesh.normals) == 0
     for broken in (whole[:-1], b"solid " + whole[6:-1], write_facets()[:-40].encode()):
         (tmp_path / "b.stl").write_bytes(broken)
         with pytest.raises(ValueError, match=r"facets|size of a binary"):

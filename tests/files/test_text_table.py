@@ -167,7 +167,7 @@ def test_a_sheet_of_excel_is_a_table(tmp_path):
     table = load_table(path)
     assert table.frame["height_um"].tolist() == [50.5]
     assert table.frame["taken"].tolist() == ["2026-11-08 09:00:00"]
-    assert table.source.name_row(0, 1) == "Sheet, cell B2"
+    assert table.source.name_place_of_row(0, 1) == "Sheet, cell B2"
 
 
 def test_merged_cells_are_refused_by_name(tmp_path):

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stepblocks.files.figures import make_figure
+from stepblocks.files.figures import make_figure_and_axes
 from stepblocks.files.pages import _format_cell
 from stepblocks.lawsearch.discrimination import RankedSetting
 from stepblocks.loop import page
@@ -251,7 +251,7 @@ def test_labels_are_drawn_in_a_row_and_numbers_where_they_are():
     ],
 )
 def test_labels_under_a_figure_do_not_overlap(labels):
-    figure, (axis, *_) = make_figure(1, 3, width=11.0, height=2.6)
+    figure, (axis, *_) = make_figure_and_axes(1, 3, width=11.0, height=2.6)
     abscissa = find_abscissa(np.array(labels))
     places, written = abscissa.places, abscissa.ticks
     axis.plot(places, 0.0 * places, ".")

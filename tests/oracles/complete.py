@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepblocks.artefacts.check_part import check_part_step
-from stepblocks.artefacts.step.exchange import read_exchange
+from stepblocks.artefacts.step.exchange import read_exchange_file
 from stepblocks.errors import MachiningError
 from stepblocks.parts.characteristics import FORM, Characteristic
 from stepblocks.parts.kind import Part
@@ -98,7 +98,7 @@ def _find_missing_in_step(path: Path, part: Part) -> Iterator[str]:
     yield from check_part_step(path, part)[1]
     noted = {
         str(values[0])
-        for _, values in read_exchange(path).find_instances("DESCRIPTIVE_REPRESENTATION_ITEM")
+        for _, values in read_exchange_file(path).yield_instances("DESCRIPTIVE_REPRESENTATION_ITEM")
     }
     for number, one in enumerate(part.characteristics(), start=1):
         if one.kind == "note" and one.label not in noted:

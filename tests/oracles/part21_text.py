@@ -2,7 +2,7 @@
 without any CAD kernel.
 """
 
-from stepblocks.artefacts.step.exchange import read_exchange
+from stepblocks.artefacts.step.exchange import read_exchange_file
 
 SCHEMA = "AP242_MANAGED_MODEL_BASED_3D_ENGINEERING_MIM_LF"
 MILLIMETRE = "#1=(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.));"
@@ -34,7 +34,7 @@ def exchange_of(data, folder, schema=SCHEMA):
     """Instances of a data section, as the program reads them."""
     path = folder / "hand.step"
     path.write_text(text_of(data, schema))
-    return read_exchange(path)
+    return read_exchange_file(path)
 
 
 def placement(number, point, axis=(0.0, 0.0, 1.0)):

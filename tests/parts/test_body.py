@@ -114,7 +114,7 @@ def test_the_section_has_no_corner_twice():
         )
         # front, back and one for each corner: two of the edge, then four of the body or eight where
         # it is chamfered
-        assert len(kernel.describe_faces(solid)) == 2 + 2 + (4 if chamfer == 0.0 else 8)
+        assert len(kernel.list_faces(solid)) == 2 + 2 + (4 if chamfer == 0.0 else 8)
 
 
 @pytest.mark.parametrize(

@@ -27,7 +27,7 @@ def find_floors(block):
     floor = block.body.engraving.depth.nominal - block.body.half_width
     (body,) = block.solids()
     boxes = []
-    for face in cad.kernel.describe_faces(body):
+    for face in cad.kernel.list_faces(body):
         if abs(face.low[1] - floor) < 1e-9 and abs(face.high[1] - floor) < 1e-9:
             boxes.append([(face.low[0], face.low[2]), (face.high[0], face.high[2])])
     return np.array(boxes)

@@ -163,7 +163,7 @@ def test_its_convex_pieces_fill_it(part):
 
 @pytest.mark.parametrize("part", SOME)
 def test_every_characteristic_finds_its_faces(part):
-    faces = [kernel.describe_faces(body) for body in part.solids()]
+    faces = [kernel.list_faces(body) for body in part.solids()]
     listed = list(part.characteristics())
     assert len({one.key for one in listed}) == len(listed)
     for one in listed:

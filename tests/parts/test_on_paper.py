@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from oracles.shipped import load_shipped
-from stepblocks.artefacts.step.callout import draw_callout, format_callout, measure_box
-from stepblocks.artefacts.step.conform import make_conforming
+from stepblocks.artefacts.step.callout import compute_bounding_box, format_callout, outline_callout
+from stepblocks.artefacts.step.conform import repair_step_text
 from stepblocks.cad.kernel import Face
 from stepblocks.cli import main
 from stepblocks.declaration.read import load_set
@@ -104,18 +104,18 @@ FACES = [
 
 
 def test_a_callout_lies_in_one_plane_before_the_part_and_leads_to_its_face():
-    text, leader = draw_callout("1  step", 0, measure_box(FACES), FACES[1])
+    text, leader = outline_callout("1  step", 0, compute_bounding_box(FACES), FACES[1])
     points = np.concatenate(text)
     assert np.ptp(points[:, 1]) == 0.0
     assert points[0, 1] < -0.01  # in front of everything
     assert points[:, 0].min() > 0.01  # to the right of everything
     assert leader[1] == pytest.approx((0.005, 0.0, 0.0025))
-    above, _ = draw_callout("1  step", 1, measure_box(FACES), FACES[1])
+    above, _ = outline_callout("1  step", 1, compute_bounding_box(FACES), FACES[1])
     assert np.concatenate(above)[:, 2].min() > points[:, 2].max()
 
 
 def test_outlines_of_letters_are_closed():
-    outlines, _ = draw_callout("8", 0, measure_box(FACES), FACES[0])
+    outlines, _ = outline_callout("8", 0, compute_bounding_box(FACES), FACES[0])
     assert len(outlines) == 3  # the outline and either hole
     for outline in outlines:
         # each corner once: the line back to the first is none of no length
@@ -143,7 +143,7 @@ def test_a_real_of_part_21_has_a_point(roughness):
         "#1 = (LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.));\n#2 = "
         "FLATNESS_TOLERANCE('',$,#3,#4);\n"
     )
-    text = mended(shape + "#5 = (GEOMETRIC_REPRESENTATION_CONTEXT(3));\n", texture=roughness)
+    text = mended(shape + "#5 = (GEOMETRIC_REPRESENTATION_CONTEXT(3));\n", roughness=roughness)
     (real,) = re.findall(r"'Ra',LENGTH_MEASURE\((.*?)\)", text)
     assert re.fullmatch(r"[-+]?\d+\.\d*(E[-+]?\d+)?", real)
     assert float(real) == pytest.approx(roughness * 1e3, rel=1e-12)
@@ -164,7 +164,7 @@ TAIL = "ENDSEC;\nEND-ISO-10303-21;\n"
 
 
 def mended(data, **more):
-    return make_conforming(f"{HEAD}{data}{TAIL}", "part", **more)
+    return repair_step_text(f"{HEAD}{data}{TAIL}", "part", **more)
 
 
 def test_limits_get_the_type_of_their_unit_and_zero_no_sign():
@@ -198,7 +198,7 @@ def test_notes_and_texture_need_something_to_belong_to():
     with pytest.raises(MachiningError, match="notes must have a product"):
         mended("#1 = A();\n", notes=[("a", "b")])
     with pytest.raises(MachiningError, match="surface texture must have faces"):
-        mended("#1 = A();\n", texture=0.1e-6)
+        mended("#1 = A();\n", roughness=0.1e-6)
 
 
 def test_every_kind_of_part_has_texts_that_part_21_may_hold():

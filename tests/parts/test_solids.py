@@ -151,7 +151,7 @@ straight_length = "9 mm"
     )
     ((_, body),) = build_solids(stimulus)
     assert kernel.compute_volume(body) == pytest.approx(stimulus.volumes()[0], rel=1e-12)
-    (ball,) = [face for face in kernel.describe_faces(body) if face.kind == "SPHERE"]
+    (ball,) = [face for face in kernel.list_faces(body) if face.kind == "SPHERE"]
     assert ball.radius == pytest.approx(83e-6, rel=1e-12)
     assert ball.low[2] == pytest.approx(0.0, abs=1e-9)
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from oracles.shipped import load_shipped
-from stepblocks.cli import main, make_command
+from stepblocks.cli import main, make_root_command
 from stepblocks.declaration.read import load_set
 from stepblocks.declaration.set import choose_operating_point
 from stepblocks.errors import PipelineError
@@ -24,7 +24,9 @@ SET = str(ROOT / "stimuli" / "paper-ten.toml")
 
 
 def test_the_command_line_offers_every_simulator():
-    (option,) = (one for one in make_command().commands["export"].params if "--for" in one.opts)
+    (option,) = (
+        one for one in make_root_command().commands["export"].params if "--for" in one.opts
+    )
     assert option.type_descriptor.choices == tuple(SCENE_FORMATS)
 
 

@@ -12,7 +12,7 @@ from nicegui import ui
 from nicegui.testing.user_interaction import UserInteraction
 from nicegui.testing.user_simulation import user_simulation
 
-from stepblocks.build.manifest import RecordedVerdict, StimulusRecord, write_sealed
+from stepblocks.build.manifest import RecordedVerdict, StimulusRecord, write_sealed_json
 from stepblocks.build.run import build_sets, find_changes
 from stepblocks.window import texts
 from stepblocks.window.build_page import (
@@ -45,7 +45,7 @@ def test_the_verdict_of_each_file_counts_its_measurements_and_names_those_out_of
     ]
     record = StimulusRecord("key", "low", "step block", (), (), verdicts, {"low.step": "0"})
     (tmp_path / "set" / "low").mkdir(parents=True)
-    write_sealed(tmp_path / "set" / "low" / "record.json", record.as_json())
+    write_sealed_json(tmp_path / "set" / "low" / "record.json", record.as_json())
     step, mesh = list_file_verdicts(tmp_path, ["set/low", "set/never-made"])
     assert (step.file, step.total, step.failures) == ("low.step", 2, ("FAIL height",))
     assert (mesh.file, mesh.total, mesh.failures) == ("low.stl", 1, ())

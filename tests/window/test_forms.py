@@ -14,7 +14,7 @@ from nicegui import ui
 from nicegui.testing.user_simulation import user_simulation
 
 import stepblocks
-from stepblocks.cli import main, make_command
+from stepblocks.cli import main, make_root_command
 from stepblocks.errors import PipelineError
 from stepblocks.window.set_page import make_set_design_command
 from stepblocks.window.set_request import AxisMark, SetMarks
@@ -60,7 +60,7 @@ SAID = {
 
 @pytest.fixture(scope="module")
 def command_line():
-    return make_command()
+    return make_root_command()
 
 
 def parse(command, words):

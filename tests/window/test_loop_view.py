@@ -14,7 +14,7 @@ from nicegui.testing.user_simulation import user_simulation
 
 from oracles.learned import make_learned_model
 from oracles.loop_folder import MEASURED_OVER_PREDICTED, write_explained_session
-from stepblocks.cli import make_command
+from stepblocks.cli import make_root_command
 from stepblocks.declaration.read import load_set
 from stepblocks.errors import PipelineError
 from stepblocks.predict.learned import predict_trials
@@ -67,7 +67,7 @@ def test_the_commands_of_a_loop_are_taken_by_the_command_line(name, tmp_path, mo
     (tmp_path / name).mkdir(parents=True)
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "model.json").touch()
-    commands = make_command()
+    commands = make_root_command()
     for shown in (
         make_prediction_command(name, "out"),
         make_drawing_command(name, "out", "--force"),

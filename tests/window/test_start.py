@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from stepblocks.cli import make_command
+from stepblocks.cli import make_root_command
 
 pytest.importorskip("nicegui")
 
@@ -59,7 +59,7 @@ def test_a_name_that_may_lead_out_of_the_folder_is_refused(tmp_path, name):
 
 @pytest.fixture(scope="module")
 def command_line():
-    return make_command()
+    return make_root_command()
 
 
 def parse(command, words):

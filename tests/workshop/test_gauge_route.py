@@ -70,7 +70,8 @@ def test_the_assembly_file_conforms_and_its_step_is_the_height(tmp_path):
     assert all(abs(one.deviation) < 1e-9 for one in report.dimensions)
     assert path.read_text().count("NEXT_ASSEMBLY_USAGE_OCCURRENCE") == 3
     tops = [
-        max(face.high[2] for face in kernel.describe_faces(body)) for body in kernel.read_step(path)
+        max(face.high[2] for face in kernel.list_faces(body))
+        for body in kernel.read_step_solids(path)
     ]
     assert tops[2] - tops[1] == pytest.approx(BLOCK.height.nominal, abs=1e-9)
 

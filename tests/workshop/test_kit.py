@@ -54,7 +54,7 @@ def test_the_assembly_holds_every_component_of_its_material_where_it_stands(fold
     report = check_step(path, require_ap242=True)
     assert report.findings == ()
     assert set(report.materials) == {part.material.order_text for part in COMPONENTS}
-    bodies = kernel.read_step(path)
+    bodies = kernel.read_step_solids(path)
     assert len(bodies) == len(COMPONENTS)
     read = sorted(kernel.compute_volume(body) for body in bodies)
     closed_form = sorted(component.volume for component in COMPONENTS)
@@ -166,7 +166,7 @@ def test_every_bore_is_made_in_one_setup_and_the_stock_holds_the_part(name, tmp_
     for number in range(1, len(part.placed_component.bores) + 1):
         assert len(re.findall(rf"\bB{number}: ", text)) == 1
     assert check_step(stock, require_ap242=True).passes
-    (body,) = kernel.read_step(stock)
+    (body,) = kernel.read_step_solids(stock)
     (solid,) = part.solids()
     inside = kernel.compute_common_volume(solid, body)
     assert inside == pytest.approx(part.volumes()[0], rel=1e-9)

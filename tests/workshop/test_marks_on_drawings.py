@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from oracles.shipped import load_shipped
-from stepblocks.cad.kernel import describe_faces
+from stepblocks.cad.kernel import list_faces
 from stepblocks.parts.characteristics import find_face_index
 from stepblocks.parts.kinds.step_block import StepBlock
 from stepblocks.parts.on_paper import make_inspection_sheet_table
@@ -100,7 +100,7 @@ def test_the_height_of_a_lip_over_the_tooth_is_stated():
     )
     (solid,) = lip.solids()
     (size,) = (one for one in lip.characteristics() if one.key == "lip_gap")
-    faces = describe_faces(solid)
+    faces = list_faces(solid)
     tooth, under_lip = (faces[find_face_index(faces, rule, lip.id)] for rule in size.faces)
     assert under_lip.low[2] - tooth.low[2] == pytest.approx(size.nominal, abs=1e-10)
 

@@ -20,10 +20,10 @@ MARGIN = load_shipped("crown-margins").margin_block[0]
 def test_the_stock_holds_the_part_with_its_allowance_on_every_face(block, tmp_path):
     _, stock = write_setup_sheet_and_stock(tmp_path, block)
     assert check_step(stock, require_ap242=True).passes
-    (body,) = kernel.read_step(stock)
+    (body,) = kernel.read_step_solids(stock)
     low, high = compute_stock_corners(block)
     ((_, part),) = build_solids(block)
-    around = kernel.describe_faces(part)
+    around = kernel.list_faces(part)
     for axis in range(3):
         assert min(face.low[axis] for face in around) - low[axis] > STOCK - 1e-6
         assert high[axis] - max(face.high[axis] for face in around) > STOCK - 1e-6

@@ -166,7 +166,7 @@ def assert_only_the_edge_is_left(block, excess):
 def measure_legs(solid):
     """Measure the legs of all chamfers: planes that are square to one axis alone."""
     legs = []
-    for face in kernel.describe_faces(solid):
+    for face in kernel.list_faces(solid):
         if face.kind == "PLANE":
             sides = sorted(high - low for low, high in zip(face.low, face.high, strict=True))
             if sides[0] > 1e-6:
@@ -199,7 +199,7 @@ def test_holes_and_edge_breaks_of_a_solid_at_the_corners_stay_within_the_drawing
         solid = make_block(block, sheet, corner, letters=False)
         for leg in measure_legs(solid):
             assert 0.2e-3 - 1e-7 <= leg <= 0.4e-3 + 1e-7
-        walls = [one for one in kernel.describe_faces(solid) if one.kind == "CYLINDER"]
+        walls = [one for one in kernel.list_faces(solid) if one.kind == "CYLINDER"]
         drilled = [
             one for one in walls if one.radius < 0.5 * block.body.mounting.hole_diameter + 1e-9
         ]

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from stepblocks.artefacts.check_field import judge_npz, judge_tiff
+from stepblocks.artefacts.check_field import judge_npz_height_field, judge_tiff_height_field
 from stepblocks.artefacts.check_part import judge_part_step
 from stepblocks.artefacts.meshes.measures import MeshMeasures
-from stepblocks.artefacts.meshes.read import MESH_READERS, read_mesh, read_pieces
+from stepblocks.artefacts.meshes.read import MESH_READERS, read_convex_pieces, read_mesh
 from stepblocks.errors import MetrologyError
 from stepblocks.files.confined import read_confined
 from stepblocks.files.text import read_document
@@ -71,17 +71,17 @@ def _judge_mesh(path: Path, part: Part) -> Iterator[Verdict]:
     arrays = read_mesh(path)
     mesh = MeshMeasures(arrays.vertices, arrays.triangles)
     body = part.bodies.index(path.stem) if path.stem in part.bodies else 0
-    yield _judge_edges(mesh.count_bad_edges())
-    turned = mesh.count_turned_normals(arrays.normals)
+    yield _judge_bad_edge_count(mesh.count_bad_edges())
+    turned = mesh.count_inward_normals(arrays.normals)
     yield Finding("stated normals that point inwards", 0.0, turned, 0.0, "count")
     volume = part.volumes()[body]
     yield Finding("volume", volume, mesh.volume, VOLUME_LIMIT, "volume", relative=True)
     yield from part.measure_mesh(body, mesh)
 
 
-def _judge_edges(bad_edges: int) -> Verdict:
+def _judge_bad_edge_count(bad_edge_count: int) -> Verdict:
     """Judge how many edges of a mesh do not have exactly one neighbour."""
-    return Finding("edges without exactly one neighbour", 0.0, bad_edges, 0.0, "count")
+    return Finding("edges without exactly one neighbour", 0.0, bad_edge_count, 0.0, "count")
 
 
 def _judge_pieces(path: Path, part: Part) -> Iterator[Verdict]:
@@ -89,12 +89,12 @@ def _judge_pieces(path: Path, part: Part) -> Iterator[Verdict]:
     bad_edges = 0
     concavities = []
     volumes = []
-    for piece in read_pieces(path):
+    for piece in read_convex_pieces(path):
         measures = MeshMeasures(piece.vertices, piece.triangles)
         bad_edges += measures.count_bad_edges()
         concavities.append(measures.measure_concavity())
         volumes.append(measures.volume)
-    yield _judge_edges(bad_edges)
+    yield _judge_bad_edge_count(bad_edges)
     yield Finding("concavity of the pieces", 0.0, max(concavities), NANOMETRE)
     yield Finding(
         "volume of the pieces",
@@ -125,7 +125,7 @@ def read_brightness_in_worker(path: Path) -> dict[str, object]:
 
 def _judge_specification(path: Path, part: Part) -> Iterator[Verdict]:
     """Compare a specification with what the part records of itself."""
-    found = read_document(path, "specification", MetrologyError, form="JSON")
+    found = read_document(path, "specification", MetrologyError, file_format="JSON")
     wanted = json.loads(json.dumps(part.record()))
     wrong = len(wanted)
     if isinstance(found, dict):
@@ -138,8 +138,8 @@ def _judge_specification(path: Path, part: Part) -> Iterator[Verdict]:
 _JUDGES: dict[str, Callable[[Path, Part], Iterator[Verdict]]] = {
     ".step": judge_part_step,
     _PIECES: _judge_pieces,
-    ".tiff": judge_tiff,
-    ".npz": judge_npz,
+    ".tiff": judge_tiff_height_field,
+    ".npz": judge_npz_height_field,
     ".png": _judge_picture,
     ".json": _judge_specification,
     **dict.fromkeys(MESH_READERS, _judge_mesh),

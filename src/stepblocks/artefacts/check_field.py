@@ -31,9 +31,9 @@ class _Axis:
     origin: float
     spacing: float
 
-    def list_positions(self, count: int) -> Heights:
+    def list_positions(self, sample_count: int) -> Heights:
         """List the positions of so many samples [m]."""
-        return np.asarray(self.origin + self.spacing * np.arange(count), dtype=np.float64)
+        return np.asarray(self.origin + self.spacing * np.arange(sample_count), dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class _Sidecar:
     y: _Axis
 
 
-def judge_tiff(path: Path, part: Part) -> Iterator[Verdict]:
+def judge_tiff_height_field(path: Path, part: Part) -> Iterator[Verdict]:
     """Judge the depth and the heights of a TIFF."""
     content = read_confined(f"{__name__}:read_tiff_in_worker", path, raises=MetrologyError)
     heights = content["pixels"]
@@ -65,7 +65,7 @@ def read_tiff_in_worker(path: Path) -> dict[str, object]:
         return {"pixels": np.asarray(image)}
 
 
-def judge_npz(path: Path, part: Part) -> Iterator[Verdict]:
+def judge_npz_height_field(path: Path, part: Part) -> Iterator[Verdict]:
     """Judge the heights and the positions of an npz."""
     content = read_confined(f"{__name__}:read_npz_in_worker", path, raises=MetrologyError)
     sidecar = _read_sidecar(path)
@@ -122,9 +122,9 @@ def _judge_heights(
     yield Finding("step between the outer thirds", part.rise, upper - lower, NANOMETRE)
 
 
-def _judge_positions(name: str, positions: Heights, axis: _Axis) -> Verdict:
+def _judge_positions(axis_name: str, positions: Heights, axis: _Axis) -> Verdict:
     """Compare the positions [m] in an archive with those of its sidecar."""
     worst = math.inf
     if positions.ndim == 1 and positions.size:
         worst = float(np.abs(positions - axis.list_positions(positions.size)).max())
-    return Finding(f"positions along {name}", 0.0, worst, NANOMETRE)
+    return Finding(f"positions along {axis_name}", 0.0, worst, NANOMETRE)

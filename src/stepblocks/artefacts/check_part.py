@@ -49,7 +49,7 @@ def judge_part_step(path: Path, part: Part) -> Iterator[Verdict]:
     yield from _judge_volumes(path, part)
     for match in match_characteristics(report, part):
         if match.required.kind not in FORM:
-            yield _judge_faces(match)
+            yield _judge_measured_faces(match)
     first = f" ({findings[0]})" if findings else ""
     yield Finding(
         f"tolerances, material and types as asked for{first}", 0.0, len(findings), 0.0, "count"
@@ -78,11 +78,11 @@ def measure_volumes_in_worker(path: Path) -> dict[str, object]:
     """Integrate the volume of each solid [m^3] by the kernel; runs in the confined process."""
     from stepblocks.cad import kernel
 
-    bodies = kernel.read_step(path)
+    bodies = kernel.read_step_solids(path)
     return {"volumes": list(map(kernel.compute_volume, bodies))}
 
 
-def _judge_faces(match: Match) -> Verdict:
+def _judge_measured_faces(match: Match) -> Verdict:
     """Judge a dimension by what its faces measure."""
     required = match.required
     measured = math.nan
@@ -123,7 +123,7 @@ def check_part_step(path: Path, stimulus: Part) -> PartCheck:
     findings = [*report.findings]
     for match in matches:
         findings += _yield_match_faults(match, report)
-    findings += _yield_unrequired(report, matches)
+    findings += _yield_unrequired_characteristics(report, matches)
     if stimulus.has_working_faces:
         findings += _yield_texture_faults(report, stimulus, matches)
     findings += _yield_density_faults(report, stimulus)
@@ -138,14 +138,14 @@ def match_characteristics(report: StepReport, stimulus: Part) -> list[Match]:
     for required in stimulus.characteristics():
         if required.kind in _NOT_ON_FACES:
             continue
-        stated = _find_stated(required, unmatched)
+        stated = _find_stated_characteristic(required, unmatched)
         if stated is not None:
             unmatched.remove(stated)
         matches.append(Match(required, stated))
     return matches
 
 
-def _find_stated(
+def _find_stated_characteristic(
     required: RequiredCharacteristic, candidates: Sequence[Characteristic]
 ) -> Characteristic | None:
     """Find the first line of the file that states a characteristic, by name and limits."""
@@ -175,13 +175,13 @@ def _yield_match_faults(match: Match, report: StepReport) -> Iterator[str]:
     if stated is None:
         yield (
             f"{required.label}: must stand in the file as {required.kind} of "
-            f"{_format_values(required)}"
+            f"{_format_required_values(required)}"
         )
     elif stated in report.dimensions and stated.geometry is None and not stated.problem:
         yield f"{stated.ref} {required.label}: the faces that it names do not determine it"
 
 
-def _format_values(required: RequiredCharacteristic) -> str:
+def _format_required_values(required: RequiredCharacteristic) -> str:
     """Write nominal value and limits of a characteristic with their unit; of a form its zone."""
     values = [required.nominal, required.lower, required.upper]
     if required.kind in FORM:
@@ -191,7 +191,9 @@ def _format_values(required: RequiredCharacteristic) -> str:
     return f"{', '.join(texts)} {unit.name}"
 
 
-def _yield_unrequired(report: StepReport, matches: Sequence[Match]) -> Iterator[str]:
+def _yield_unrequired_characteristics(
+    report: StepReport, matches: Sequence[Match]
+) -> Iterator[str]:
     """Yield what the file states and the part does not require."""
     unmatched = list(report.characteristics)
     for match in matches:

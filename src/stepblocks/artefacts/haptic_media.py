@@ -74,7 +74,7 @@ def write_hjif(path: Path, event: VibrationEvent) -> None:
         "mixing_coefficient": 1.0,
         "body_part_mask": 0,
         "direction": {"X": _UNIT_COMPONENT * event.direction, "Y": 0, "Z": 0},
-        "bands": [_build_band(event)],
+        "bands": [_build_hjif_band(event)],
     }
     perception = {
         "id": 0,
@@ -100,11 +100,11 @@ def write_hjif(path: Path, event: VibrationEvent) -> None:
     _write_json(path, document)
 
 
-def _build_band(event: VibrationEvent) -> dict[str, object]:
+def _build_hjif_band(event: VibrationEvent) -> dict[str, object]:
     """Build the band that holds the ring as one effect."""
     frequency = round(event.tool.frequency)
     keyframes: list[dict[str, object]] = []
-    for tick, level in enumerate(_compute_levels(event.tool.decay_time).tolist()):
+    for tick, level in enumerate(_compute_decay_levels(event.tool.decay_time).tolist()):
         keyframes.append({"relative_position": tick, "amplitude_modulation": round(level, _DIGITS)})
     keyframes[0]["frequency_modulation"] = frequency
     keyframes[-1]["frequency_modulation"] = frequency
@@ -123,7 +123,7 @@ def _build_band(event: VibrationEvent) -> dict[str, object]:
     }
 
 
-def _compute_levels(decay_time: float) -> NDArray[np.float64]:
+def _compute_decay_levels(decay_time: float) -> NDArray[np.float64]:
     """Return the level of the ring at each tick, shape (n,); it is 1 at the release.
 
     A player goes straight from level to level, above the exponential. All levels are lowered so

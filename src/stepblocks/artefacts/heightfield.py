@@ -58,20 +58,20 @@ def sample_height_field(part: Part) -> NDArray[np.float64]:
     HapticsError
         If no shift of the samples keeps clear of all corners of the profile.
     """
-    return _sample_grid(part).heights
+    return _sample_heights_on_grid(part).heights
 
 
-def _sample_grid(part: Part) -> _HeightField:
+def _sample_heights_on_grid(part: Part) -> _HeightField:
     """Sample the heights of the working surface on a grid around the edge [m]."""
-    x = _choose_positions(part)
-    y = _list_positions(-_HALF_Y, _HALF_Y)
+    x = _choose_positions_across_edges(part)
+    y = _list_cell_middles(-_HALF_Y, _HALF_Y)
     return _HeightField(np.tile(part.sample_surface(x), (len(y), 1)), x, y)
 
 
-def _choose_positions(part: Part) -> Positions:
+def _choose_positions_across_edges(part: Part) -> Positions:
     """Choose positions across all edges so that none lies on a corner of the profile [m]."""
     corners = np.array(part.surface_corners)
-    unshifted = _list_positions(-_HALF_X, part.last_edge + _HALF_X)
+    unshifted = _list_cell_middles(-_HALF_X, part.last_edge + _HALF_X)
     for shift in _SHIFTS:
         x = unshifted + shift * SPACING
         if np.abs(x[:, None] - corners).min() > _LEAST_CLEARANCE * SPACING:
@@ -81,7 +81,7 @@ def _choose_positions(part: Part) -> Positions:
     )
 
 
-def _list_positions(low: float, high: float) -> Positions:
+def _list_cell_middles(low: float, high: float) -> Positions:
     """List positions between two ends, in the middles of cells of `SPACING` [m]."""
     first = round(low / SPACING)
     last = round(high / SPACING)
@@ -105,7 +105,7 @@ def write_height_field(stem: Path, part: Part) -> list[Path]:
     """
     import tifffile
 
-    field = _sample_grid(part)
+    field = _sample_heights_on_grid(part)
     tiff = stem.with_name(f"{stem.name}.tiff")
     npz = stem.with_name(f"{stem.name}.npz")
     sidecar = stem.with_name(f"{stem.name}.json")
@@ -117,12 +117,14 @@ def write_height_field(stem: Path, part: Part) -> list[Path]:
         software="stepblocks",
     )
     np.savez_compressed(npz, height_m=field.heights, x_m=field.x, y_m=field.y)
-    description = _describe_field(field, part.id, tiff.name, npz.name)
+    description = _make_sidecar_content(field, part.id, tiff.name, npz.name)
     sidecar.write_text(json.dumps(description, indent=2) + "\n", encoding="utf-8", newline="\n")
     return [tiff, npz, sidecar]
 
 
-def _describe_field(field: _HeightField, identity: str, tiff: str, npz: str) -> dict[str, object]:
+def _make_sidecar_content(
+    field: _HeightField, identity: str, tiff: str, npz: str
+) -> dict[str, object]:
     """Describe the files, where their samples lie, and how their axes run, as JSON holds it."""
     return {
         "schema": 1,

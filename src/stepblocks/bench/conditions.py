@@ -82,7 +82,7 @@ def _read_covariate(table: TextTable, column: str) -> dict[str, Condition]:
     cells = table.get_cells(index)
     if table.holds_numbers(index):
         found = table.require_numbers(index, BenchError)
-        warn_of_notes(filter(None, [found.describe(column)]), table.file)
+        warn_of_notes(filter(None, [found.describe_missing_values(column)]), table.file)
         if not found.count and NumberNotation().parse_column(cells) is not None:
             return {}
         return {column: Condition(column, pd.Series(found.values))}
@@ -91,7 +91,11 @@ def _read_covariate(table: TextTable, column: str) -> dict[str, Condition]:
     try:
         dates = read_dates(cells, column)
     except DateError as error:
-        place = table.file if error.row is None else f"{table.file}, {table.name_row(error.row)}"
+        place = (
+            table.file
+            if error.row is None
+            else f"{table.file}, {table.name_place_of_row(error.row)}"
+        )
         raise BenchError(f"{error} [{place}]") from error
     warn_of_notes(dates.notes, table.file)
     elapsed = dates.seconds - np.nanmin(dates.seconds)
@@ -155,7 +159,7 @@ def find_block_heights(
 def _parse_height(text: str, notation: NumberNotation) -> float:
     """Return the height in a cell; NaN where the cell holds no number."""
     try:
-        return notation.parse(text)
+        return notation.parse_number(text)
     except ValueError:
         return math.nan
 

@@ -19,7 +19,7 @@ from stepblocks.bench.traces import Traces
 from stepblocks.bench.traces.split import draw_cuts
 from stepblocks.bench.trials import Trial, TrialTable, open_trials
 from stepblocks.errors import PipelineError
-from stepblocks.files.figures import make_figure, save_figure
+from stepblocks.files.figures import make_figure_and_axes, save_figure
 from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.files.tables import escape_formula
 
@@ -147,7 +147,7 @@ def _name_figure(trial: Trial) -> str:
 def _draw_trial(title: str, trial: Trial, examination: Examination, path: Path) -> None:
     """Draw both forces of a trial: the tangential one whole and near the release."""
     trace, measurement = examination.trace, examination.measurement
-    figure, (whole, near, normal) = make_figure(3, 1, width=11.0, height=8.5)
+    figure, (whole, near, normal) = make_figure_and_axes(3, 1, width=11.0, height=8.5)
     cells = list(trial.cells.items())[_SHOWN_CELLS]
     conditions = ", ".join(f"{name} {cell}" for name, cell in cells)
     figure.suptitle(f"{title}: trial {trial.name} ({conditions})", fontsize=11)

@@ -348,7 +348,7 @@ class _TrialGroups:
         self._flagged_counts: Counter[Labels] = Counter()
         self._levels: dict[str, set[str]] = {}  # values of each column
         self._flagged_cells: dict[int, dict[str, str]] = {}
-        self._start_command: list[int] = []  # flagged rows that followed one another up to now
+        self._run: list[int] = []  # flagged rows that followed one another up to now
         self._shared: dict[int, str] = {}
 
     def add(self, row: int, cells: Mapping[str, str], *, is_flagged: bool) -> None:
@@ -365,12 +365,12 @@ class _TrialGroups:
     def _follow_run(self, row: int, *, is_flagged: bool) -> None:
         """Note the flagged trials that follow one another without a sound one between."""
         if not is_flagged:
-            self._start_command = []
+            self._run = []
             return
-        self._start_command.append(row)
-        if len(self._start_command) >= _RUN:
-            name = f"trials of the rows {self._start_command[0]} to {self._start_command[-1]}"
-            self._shared |= dict.fromkeys(self._start_command, name)
+        self._run.append(row)
+        if len(self._run) >= _RUN:
+            name = f"trials of the rows {self._run[0]} to {self._run[-1]}"
+            self._shared |= dict.fromkeys(self._run, name)
 
     def _list_labels(self, cells: Mapping[str, str]) -> list[Labels]:
         """List the labels of a trial, and the pairs of them, that others may share."""

@@ -22,7 +22,7 @@ from stepblocks.bench.calibration import Calibration, Frequency, Probe, Strict
 from stepblocks.bench.channel import Channel, DimensionedChannel, check_channels
 from stepblocks.bench.patterns import check_pattern, resolve_inside
 from stepblocks.errors import BenchError
-from stepblocks.files.decode import find_encoding_name
+from stepblocks.files.decode import normalise_encoding_name
 from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.files.text import Document, is_file, read_document
 from stepblocks.mistakes import Mistake, collect_mistakes, format_mistakes, list_mistakes
@@ -60,7 +60,7 @@ def _convert_voltage_text(value: object) -> object:
 _FullScale = Annotated[float, BeforeValidator(_convert_voltage_text), Field(gt=0.0, le=1e9)]
 _Delimiter = Annotated[str, Field(min_length=1, max_length=1)]
 _Decimal = Literal[".", ","]
-_Encoding = Annotated[str, AfterValidator(find_encoding_name)]
+_Encoding = Annotated[str, AfterValidator(normalise_encoding_name)]
 
 
 class Channels(Strict):

@@ -148,8 +148,8 @@ class TrialTable:
         if cell_count != len(self.header):
             return TrialFault(
                 FaultKind.WITHOUT_HEADING,
-                f"row {row} of the table ({self.table.name_row(row - 1)}) has {cell_count} cells, "
-                f"the header has {len(self.header)}",
+                f"row {row} of the table ({self.table.name_place_of_row(row - 1)}) has "
+                f"{cell_count} cells, the header has {len(self.header)}",
             )
         if row in self.repeated:
             return self.repeated[row]
@@ -167,7 +167,7 @@ class TrialTable:
         try:
             value = math.nan
             if not text or not is_missing_word(text):
-                value = self.table.notation.parse(text)
+                value = self.table.notation.parse_number(text)
         except ValueError:
             raise ValueError(f"{column.name} must be a number, got {shown!r}") from None
         if not math.isfinite(value) or value <= 0.0:

@@ -55,7 +55,7 @@ def check_output(
     selected = select_stimuli(sets, only)
     _refuse_unbuilt_sets(folder, [stimuli for stimuli, _ in selected])
 
-    def check_selected() -> "Iterator[tuple[str, list[Verdict]]]":
+    def yield_selected_verdicts() -> "Iterator[tuple[str, list[Verdict]]]":
         """Yield the verdicts on each selected artefact, then on the tables of whole sets."""
         for stimuli, stimulus in selected:
             for path in list_checkable_paths(stimulus, folder / stimuli.name / stimulus.id):
@@ -63,10 +63,10 @@ def check_output(
         if only is None:
             for stimuli in sets:
                 name = f"{stimuli.name}/predictions.csv"
-                yield name, [_check_prediction_table(stimuli, folder, name)]
+                yield name, [_judge_prediction_table(stimuli, folder, name)]
 
     return (
-        check_selected()
+        yield_selected_verdicts()
     )  # what was asked wrongly is refused at once, not where the first is taken
 
 
@@ -112,7 +112,7 @@ def _refuse_unbuilt_sets(output: Path, sets: "Sequence[StimulusSet]") -> None:
         )
 
 
-def _check_prediction_table(stimuli: "StimulusSet", output: Path, name: str) -> "Verdict":
+def _judge_prediction_table(stimuli: "StimulusSet", output: Path, name: str) -> "Verdict":
     """Compare the table of predictions line by line with a new prediction.
 
     With a learned model, the table must have the hash of the manifest instead.
@@ -132,7 +132,7 @@ def _check_prediction_table(stimuli: "StimulusSet", output: Path, name: str) -> 
     return Verdict(path.name, "lines that differ from the prediction", 0.0, wrong, 0.0, "count")
 
 
-def _count_different_lines(wanted: str, found: str) -> int:
+def _count_different_lines(wanted_csv: str, found_csv: str) -> int:
     """Count the lines in which two tables differ.
 
     Figures may differ by one in their last digit, which a last bit can turn on another processor.
@@ -140,7 +140,7 @@ def _count_different_lines(wanted: str, found: str) -> int:
     from stepblocks.predict.columns import agree_to_sixth_digit
 
     count = 0
-    rows = zip_longest(csv.reader(wanted.splitlines()), csv.reader(found.splitlines()))
+    rows = zip_longest(csv.reader(wanted_csv.splitlines()), csv.reader(found_csv.splitlines()))
     for wanted_row, found_row in rows:
         cells = zip_longest(wanted_row or [], found_row or [], fillvalue="")
         if not all(agree_to_sixth_digit(one_cell, other_cell) for one_cell, other_cell in cells):

@@ -133,13 +133,17 @@ class _Plot:
         end = float(kernels.compute_height_at_angle(steepest, self.radius))
         return self._sample_curve(f"E<sub>v</sub>, µ {friction:g}", end, compute_microjoules)
 
-    def _sample_curve(self, name: str, end: float, compute: Callable[[Array], Array]) -> Curve:
+    def _sample_curve(
+        self, name: str, end_height: float, compute_values: Callable[[Array], Array]
+    ) -> Curve:
         """Sample a curve at heights up to an end [m], with a mark at the height of each block."""
         along = np.linspace(_LOWEST * self.highest, self.highest, _POINTS)
-        curve = along[along <= end]
-        marks = self.heights[self.heights <= end]
+        curve = along[along <= end_height]
+        marks = self.heights[self.heights <= end_height]
         return Curve(
-            name, _round_points(curve, compute(curve)), _round_points(marks, compute(marks))
+            name,
+            _round_curve_points(curve, compute_values(curve)),
+            _round_curve_points(marks, compute_values(marks)),
         )
 
     def find_locking_height_um(self, friction: float) -> float | None:
@@ -150,9 +154,9 @@ class _Plot:
         return None
 
 
-def _round_points(height: Array, value: Array) -> tuple[list[float], list[float]]:
+def _round_curve_points(heights: Array, values: Array) -> tuple[list[float], list[float]]:
     """Round heights, given in metres, to um of six digits, and values likewise."""
-    return _round_to_six_digits(height * 1e6), _round_to_six_digits(value)
+    return _round_to_six_digits(heights * 1e6), _round_to_six_digits(values)
 
 
 def _round_to_six_digits(values: Array) -> list[float]:

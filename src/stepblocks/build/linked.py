@@ -89,13 +89,13 @@ def _yield_whole_folder_links(output: Path) -> Iterator[Link]:
             yield Link(f"{title} {path.name}", path.relative_to(output).as_posix())
 
 
-def _yield_new_part_links(output: Path, part: str, known: set[str]) -> Iterator[Link]:
+def _yield_new_part_links(output: Path, part: str, known_names: set[str]) -> Iterator[Link]:
     """Yield the files of a part that are not known yet, and add them to the known ones."""
     for kind in _OF_A_PART:
         for path in kind.find_files(output, part):
             name = path.relative_to(output).as_posix()
-            if name not in known:
-                known.add(name)
+            if name not in known_names:
+                known_names.add(name)
                 yield Link(_format_link_title(kind, path), name)
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stepblocks.artefacts.meshes.write import MESH_FORMATS, write_pieces
+from stepblocks.artefacts.meshes.write import MESH_FORMATS, write_convex_pieces
 from stepblocks.build.manifest import (
     RECORD,
     NamedText,
@@ -18,8 +18,8 @@ from stepblocks.build.manifest import (
     StimulusRecord,
     find_unaltered_file,
     hash_file,
-    load_record,
-    write_sealed,
+    load_stimulus_record,
+    write_sealed_json,
 )
 from stepblocks.compute.cores import count_cores
 from stepblocks.compute.processes import prepare_workers
@@ -149,12 +149,14 @@ def _build_on_cluster(
 ) -> Generator[BuiltStimulus]:
     """Make stimuli on a cluster, whose workers need not see the output folder."""
     calls = [(stimulus,) for stimulus in outdated]
-    for packed in run_calls(pack_stimulus, calls, jobs=1, on=cluster, in_order=False):
+    for packed in run_calls(build_packed_stimulus, calls, jobs=1, on=cluster, in_order=False):
         stimulus = packed.outdated
         with make_draft_folder(output / f"{stimulus.set_name}-{stimulus.part.id}") as draft:
             unpack_folder(packed.files, draft)
             sync_folder(draft)
-            _replace_files(draft, output / stimulus.set_name / stimulus.part.id, packed.record)
+            _replace_stimulus_files(
+                draft, output / stimulus.set_name / stimulus.part.id, packed.record
+            )
         yield BuiltStimulus(stimulus.set_and_id, packed.seconds)
 
 
@@ -175,29 +177,29 @@ def build_stimulus(output: Path, outdated: OutdatedStimulus) -> BuiltStimulus:
     started = time.perf_counter()
     part = outdated.part
     with make_draft_folder(output / f"{outdated.set_name}-{part.id}") as draft:
-        record = _make_files(outdated, draft)
+        record = _write_checked_artefacts(outdated, draft)
         sync_folder(draft)
-        _replace_files(draft, output / outdated.set_name / part.id, record)
+        _replace_stimulus_files(draft, output / outdated.set_name / part.id, record)
     return BuiltStimulus(outdated.set_and_id, time.perf_counter() - started)
 
 
-def pack_stimulus(outdated: OutdatedStimulus) -> PackedStimulus:
+def build_packed_stimulus(outdated: OutdatedStimulus) -> PackedStimulus:
     """Build, write, read back and measure one stimulus in a temporary folder of this machine."""
     started = time.perf_counter()
     with tempfile.TemporaryDirectory(prefix="stepblocks-") as name:
         draft = Path(name)
-        record = _make_files(outdated, draft)
+        record = _write_checked_artefacts(outdated, draft)
         files = pack_folder(draft)
     return PackedStimulus(outdated, files, record, time.perf_counter() - started)
 
 
-def _make_files(outdated: OutdatedStimulus, draft: Path) -> StimulusRecord:
+def _write_checked_artefacts(outdated: OutdatedStimulus, draft: Path) -> StimulusRecord:
     """Write the artefacts of a stimulus into a folder, read them back, and record both."""
     _write_artefacts(outdated.part, draft, outdated.order)
-    return _make_record(outdated.part, outdated.key, draft)
+    return _check_and_record_artefacts(outdated.part, outdated.key, draft)
 
 
-def _make_record(part: Part, key: str, draft: Path) -> StimulusRecord:
+def _check_and_record_artefacts(part: Part, key: str, draft: Path) -> StimulusRecord:
     """Hash and check the artefacts in a draft folder."""
     from stepblocks.artefacts.check import check_artefact
 
@@ -224,7 +226,7 @@ def _write_artefacts(stimulus: Part, folder: Path, order: OrderSpec) -> None:
     """Write every file of a stimulus into a folder."""
     from stepblocks.artefacts.heightfield import write_height_field
     from stepblocks.artefacts.step.write import write_step_ap242
-    from stepblocks.build.picture import draw_part, write_view_call
+    from stepblocks.build.picture import render_part_picture, write_view_call
     from stepblocks.parts.shapes import build_convex_pieces, build_solids, mesh_solid
 
     bodies = build_solids(stimulus)
@@ -233,21 +235,21 @@ def _write_artefacts(stimulus: Part, folder: Path, order: OrderSpec) -> None:
     for mesh in meshes:
         for ending, write in MESH_FORMATS.items():
             write(folder / f"{mesh.name}{ending}", mesh)
-    write_pieces(folder / f"{stimulus.id}.convex.obj", build_convex_pieces(stimulus))
+    write_convex_pieces(folder / f"{stimulus.id}.convex.obj", build_convex_pieces(stimulus))
     if stimulus.has_working_faces:
         write_height_field(folder / f"{stimulus.id}.heightfield", stimulus)
     arrays = [(mesh.vertices, mesh.triangles) for mesh in meshes]
     exaggeration, half_width, centre = stimulus.choose_close_up()
-    draw_part(folder / f"{stimulus.id}.png", arrays, exaggeration, half_width, centre)
+    render_part_picture(folder / f"{stimulus.id}.png", arrays, exaggeration, half_width, centre)
     write_view_call(folder / "view.js", stimulus.id, arrays, exaggeration, half_width, centre)
     specification = json.dumps({"schema": 1, **stimulus.record()}, indent=2, allow_nan=False)
     (folder / "specification.json").write_text(specification + "\n", encoding="utf-8", newline="\n")
 
 
-def _replace_files(draft: Path, folder: Path, record: StimulusRecord) -> None:
+def _replace_stimulus_files(draft: Path, folder: Path, record: StimulusRecord) -> None:
     """Replace a stimulus's files one by one; files that this program did not write stay."""
     folder.mkdir(parents=True, exist_ok=True)
-    replaced = load_record(folder)
+    replaced = load_stimulus_record(folder)
     (folder / RECORD).unlink(missing_ok=True)
     for name in record.outputs:
         move_into_place(draft / name, folder / name)
@@ -256,4 +258,4 @@ def _replace_files(draft: Path, folder: Path, record: StimulusRecord) -> None:
             stale = find_unaltered_file(folder, name, replaced.outputs[name])
             if stale is not None:
                 stale.unlink()
-    write_sealed(folder / RECORD, record.as_json())
+    write_sealed_json(folder / RECORD, record.as_json())

@@ -200,8 +200,8 @@ def hash_file(path: Path) -> str:
         return ""
 
 
-def write_sealed(path: Path, content: Mapping[str, object]) -> None:
-    """Write JSON with a hash of its content, by which `load_sealed` notices a later change."""
+def write_sealed_json(path: Path, content: Mapping[str, object]) -> None:
+    """Write JSON with a hash of its content, by which `load_sealed_json` notices a later change."""
     sealed = {**content, "seal": _compute_seal(content)}
     replace_text(path, json.dumps(sealed, indent=1, allow_nan=False) + "\n")
 
@@ -211,8 +211,8 @@ def _compute_seal(content: Mapping[str, object]) -> str:
     return hash_bytes(json.dumps(content, sort_keys=True).encode())
 
 
-def load_sealed(path: Path) -> dict[str, Any] | None:
-    """Read a JSON object that `write_sealed` wrote; None for anything else."""
+def load_sealed_json(path: Path) -> dict[str, Any] | None:
+    """Read a JSON object that `write_sealed_json` wrote; None for anything else."""
     try:
         if measure_file_size(path) >= _MOST_BYTES:
             return None
@@ -229,15 +229,15 @@ def load_sealed(path: Path) -> dict[str, Any] | None:
 
 def load_manifest(output: Path) -> Manifest | None:
     """Read the manifest of an output folder; None where there is none that is whole."""
-    content = load_sealed(output / MANIFEST)
+    content = load_sealed_json(output / MANIFEST)
     if content is None:
         return None
     return Manifest.from_json(content)
 
 
-def load_record(folder: Path) -> StimulusRecord | None:
+def load_stimulus_record(folder: Path) -> StimulusRecord | None:
     """Read the record of a stimulus; None where it was not made or is not whole."""
-    content = load_sealed(folder / RECORD)
+    content = load_sealed_json(folder / RECORD)
     if content is None or not content.get("outputs"):
         return None
     return StimulusRecord.from_json(content)

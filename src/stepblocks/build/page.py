@@ -210,7 +210,7 @@ def _collect_row(
         links=links,
         files=[name for name in record.outputs if Path(name).suffix in _LINKED_ENDINGS],
         predictions=[make_prediction_row(prediction) for prediction in predictions],
-        summary=list(describe_felt_ranges(predictions)),
+        summary=list(yield_felt_range_lines(predictions)),
         material=material.designation,
         colour=_COLOUR_BY_MATERIAL.get(material.name, _COLOUR),
         kind=record.kind,
@@ -220,7 +220,7 @@ def _collect_row(
     )
 
 
-def describe_felt_ranges(predictions: Sequence[Prediction]) -> Iterator[str]:
+def yield_felt_range_lines(predictions: Sequence[Prediction]) -> Iterator[str]:
     """Describe for each direction the ranges of pull and energy, and the cases without vibration.
 
     A line reads ``up: 0.5 to 2 N, 1 to 30 µJ; locked in 2 of 4``.
@@ -237,19 +237,19 @@ def describe_felt_ranges(predictions: Sequence[Prediction]) -> Iterator[str]:
             force = format_span(min(forces), max(forces), "force")
             energy = format_span(min(energies), max(energies), "energy")
             clauses.append(f"{force}, {energy}")
-        clauses += _describe_unfelt([release.status for release in releases])
+        clauses += _yield_unfelt_clauses([release.status for release in releases])
         yield f"{drag}: {'; '.join(clauses)}"
 
 
-def _describe_unfelt(statuses: Sequence[Status]) -> Iterator[str]:
+def _yield_unfelt_clauses(statuses: Sequence[Status]) -> Iterator[str]:
     """Say how often each status occurs that gives no vibration."""
     for status in (*_STATUS_WORDS, *(status for status in Status if status.is_beyond_limit)):
         count = statuses.count(status)
         if count:
-            yield f"{_explain_no_vibration(status)} in {count} of {len(statuses)}"
+            yield f"{_format_no_vibration_status(status)} in {count} of {len(statuses)}"
 
 
-def _explain_no_vibration(status: Status) -> str:
+def _format_no_vibration_status(status: Status) -> str:
     """Return the words for a status that gives no vibration."""
     if status in _STATUS_WORDS:
         return _STATUS_WORDS[status]

@@ -39,7 +39,7 @@ def exaggerate_heights(vertices: Vertices, factor: float) -> Vertices:
     return stretched
 
 
-def draw_part(
+def render_part_picture(
     path: Path,
     meshes: Sequence[Arrays],
     exaggeration: float,
@@ -75,10 +75,10 @@ def draw_part(
     for renderer in plotter.renderers:
         renderer.clear_actors()
     plotter.subplot(0, 0)
-    _show_bodies(plotter, _cut_open(stretched), caption)
+    _add_bodies_to_plotter(plotter, _cut_open_bodies(stretched), caption)
     plotter.subplot(0, 1)
     window = [_crop_to_cube(mesh, half_width, centre) for mesh in meshes]
-    _show_bodies(plotter, window, f"true scale, {2e6 * half_width:.4g} µm wide")
+    _add_bodies_to_plotter(plotter, window, f"true scale, {2e6 * half_width:.4g} µm wide")
     plotter.suppress_rendering = False
     plotter.render()
     plotter.screenshot(str(path), return_img=False)
@@ -115,7 +115,7 @@ def _crop_to_cube(mesh: Arrays, half_width: float, centre: Point) -> Polydata:
     return _cut_solid(mesh, lambda solid: solid ^ cube)
 
 
-def _cut_open(meshes: Sequence[Arrays]) -> list[Polydata]:
+def _cut_open_bodies(meshes: Sequence[Arrays]) -> list[Polydata]:
     """Cut each of several bodies in half, so that the inside can be seen; leave one body whole."""
     if len(meshes) == 1:
         vertices, triangles = meshes[0]
@@ -128,7 +128,7 @@ def _cut_in_half(solid: Manifold) -> Manifold:
     return solid.trim_by_plane((0.0, 1.0, 0.0), 0.0)
 
 
-def _show_bodies(plotter: Any, bodies: Sequence[Polydata], caption: str) -> None:
+def _add_bodies_to_plotter(plotter: Any, bodies: Sequence[Polydata], caption: str) -> None:
     """Draw bodies with their sharp edges and a caption in the current half of the window."""
     plotter.set_background("white")
     for index, body in enumerate(bodies):
@@ -193,7 +193,8 @@ def write_view_call(
 ) -> None:
     """Write the bodies of a part as JavaScript that calls ``stepblocksView`` of the page.
 
-    The other parameters are those of `draw_part`, lengths in metres; the page gets millimetres.
+    The other parameters are those of `render_part_picture`, lengths in metres; the page gets
+    millimetres.
     """
     view = _View(
         id=part_id,
@@ -210,11 +211,11 @@ def write_view_call(
 def _pack_body(vertices: Vertices, triangles: NDArray[np.int64]) -> _ViewedBody:
     """Pack vertices [mm] and triangles for the viewer, in the shortest integers that fit."""
     corner_bytes = 2 if len(vertices) <= _MOST_SHORT_CORNERS else 4
-    x, y, z = (_pack_values(column * 1e3, "<f4") for column in vertices.T)
-    i, j, k = (_pack_values(column, f"<u{corner_bytes}") for column in triangles.T)
+    x, y, z = (_encode_in_base64(column * 1e3, "<f4") for column in vertices.T)
+    i, j, k = (_encode_in_base64(column, f"<u{corner_bytes}") for column in triangles.T)
     return _ViewedBody(x, y, z, i, j, k, corner_bytes)
 
 
-def _pack_values(values: NDArray[Any], kind: str) -> str:
+def _encode_in_base64(values: NDArray[Any], dtype: str) -> str:
     """Write values of a type, such as ``<f4``, in base64."""
-    return base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode("ascii")
+    return base64.b64encode(np.ascontiguousarray(values, dtype=dtype).tobytes()).decode("ascii")

@@ -23,8 +23,8 @@ from stepblocks.build.manifest import (
     hash_bytes,
     hash_file,
     load_manifest,
-    load_record,
-    write_sealed,
+    load_stimulus_record,
+    write_sealed_json,
 )
 from stepblocks.compute.cluster import open_cluster
 from stepblocks.compute.fingerprint import collect_environment, compute_code_fingerprint
@@ -154,12 +154,12 @@ def build_sets(
         If a file is malformed or the output folder cannot be used; nothing is written before all
         files are valid.
     """
-    sources = _find_sources(files)
+    sources = _map_sources_by_set_name(files)
     folder = Path(output)
     model_file = Path(model) if model else None
     inputs = _Inputs(_hash_inputs(sources, model_file), compute_code_fingerprint())
     manifest = load_manifest(folder)
-    if only is None and manifest is not None and _is_current(manifest, folder, inputs):
+    if only is None and manifest is not None and _is_output_current(manifest, folder, inputs):
         return BuildReport(str(folder), [], manifest.stimuli, list(manifest.failures))
 
     from stepblocks.build.summary import write_tables_and_page
@@ -170,13 +170,15 @@ def build_sets(
     learned = None
     if model_file:
         learned = read_model(model_file)
-        predicted_sets = _put_learned_constants(sets, learned)
+        predicted_sets = _apply_constants_of_session(sets, learned)
     with lock_folder(folder):
         _refuse_unsafe_output(folder, sets)
         selected = select_stimuli(sets, only)
-        outdated = _find_outdated(selected, folder, inputs.code)
+        outdated = _find_outdated_stimuli(selected, folder, inputs.code)
         with open_cluster(on if outdated else None, jobs) as cluster:
-            built = _build_outdated(outdated, predicted_sets, folder, jobs, cluster, announce)
+            built = _build_stimuli_and_predict_sets(
+                outdated, predicted_sets, folder, jobs, cluster, announce
+            )
         summary = write_tables_and_page(predicted_sets, built.predictions, folder, learned)
         if summary.stimuli < len(selected):
             raise PipelineError(
@@ -198,7 +200,7 @@ def build_sets(
         built.names,
         current=len(selected) - len(outdated),
         failures=summary.failures,
-        notes=_describe_alike_blocks(sets),
+        notes=_list_alike_block_notes(sets),
     )
 
 
@@ -224,9 +226,11 @@ def find_changes(
         If a file is malformed.
     """
     code = compute_code_fingerprint()
-    selected = select_stimuli(_load_sets(_find_sources(files)), None)
+    selected = select_stimuli(_load_sets(_map_sources_by_set_name(files)), None)
     names = [f"{stimuli.name}/{stimulus.id}" for stimuli, stimulus in selected]
-    outdated = [stimulus.set_and_id for stimulus in _find_outdated(selected, Path(output), code)]
+    outdated = [
+        stimulus.set_and_id for stimulus in _find_outdated_stimuli(selected, Path(output), code)
+    ]
     is_outdated = frozenset(outdated)
     current = tuple(name for name in names if name not in is_outdated)
     return BuildChanges(tuple(outdated), current)
@@ -254,7 +258,9 @@ def refresh_links(
     manifest = load_manifest(folder)
     if manifest is None:
         return False
-    inputs = _Inputs(_hash_inputs(_find_sources(files), None), compute_code_fingerprint())
+    inputs = _Inputs(
+        _hash_inputs(_map_sources_by_set_name(files), None), compute_code_fingerprint()
+    )
     if manifest.inputs != inputs.files or manifest.code != inputs.code:
         return False
     if manifest.linked == find_linked_files(folder, manifest.outputs):
@@ -263,7 +269,7 @@ def refresh_links(
     return True
 
 
-def _find_sources(
+def _map_sources_by_set_name(
     files: "Source | Sequence[Source] | None",
 ) -> "dict[str, Path | StimulusSet]":
     """Find stimulus files and declared sets by the names of their sets."""
@@ -311,7 +317,7 @@ def _hash_inputs(sources: "Mapping[str, Path | StimulusSet]", model: Path | None
     return hashes
 
 
-def _is_current(manifest: Manifest, folder: Path, inputs: _Inputs) -> bool:
+def _is_output_current(manifest: Manifest, folder: Path, inputs: _Inputs) -> bool:
     """Tell whether a folder holds all that these inputs give, as it was written."""
     if not all(inputs.files.values()):  # one that cannot be read
         return False
@@ -335,7 +341,7 @@ def _load_sets(sources: "Mapping[str, Path | StimulusSet]") -> "list[StimulusSet
     return sets
 
 
-def _describe_alike_blocks(sets: "Sequence[StimulusSet]") -> list[str]:
+def _list_alike_block_notes(sets: "Sequence[StimulusSet]") -> list[str]:
     """List blocks of a set with the same sizes, a line each."""
     notes = []
     for stimuli in sets:
@@ -359,7 +365,7 @@ def _refuse_unsafe_output(output: Path, sets: "Sequence[StimulusSet]") -> None:
             )
 
 
-def _find_outdated(
+def _find_outdated_stimuli(
     selected: "Sequence[tuple[StimulusSet, Part]]", output: Path, code: str
 ) -> "list[OutdatedStimulus]":
     """Find the stimuli whose files are not those of their inputs and the code."""
@@ -369,7 +375,7 @@ def _find_outdated(
     for stimuli, stimulus in selected:
         folder = output / stimuli.name / stimulus.id
         key = _hash_stimulus(stimulus, stimuli.order, code)
-        record = load_record(folder)
+        record = load_stimulus_record(folder)
         is_current = record is not None and record.key == key
         if record is None or not is_current or not are_outputs_intact(folder, record.outputs):
             outdated.append(OutdatedStimulus(stimuli.name, stimulus, key, stimuli.order))
@@ -382,7 +388,7 @@ def _hash_stimulus(stimulus: "Part", order: "OrderSpec", code: str) -> str:
     return hash_bytes((declared + order.model_dump_json() + code).encode())
 
 
-def _put_learned_constants(
+def _apply_constants_of_session(
     sets: "Sequence[StimulusSet]", learned: "LearnedModel"
 ) -> "list[StimulusSet]":
     """Give sets the constants that a session taught."""
@@ -391,7 +397,7 @@ def _put_learned_constants(
     return [apply_learned_constants(stimuli, learned) for stimuli in sets]
 
 
-def _build_outdated(
+def _build_stimuli_and_predict_sets(
     outdated: "Sequence[OutdatedStimulus]",
     predicted: "Sequence[StimulusSet]",
     output: Path,
@@ -419,15 +425,17 @@ def _build_outdated(
 def _replace_manifest(folder: Path, manifest: Manifest) -> None:
     """Write a manifest, and remove what the one before it names and this one does not."""
     replaced = load_manifest(folder)
-    write_sealed(folder / MANIFEST, manifest.as_json())
+    write_sealed_json(folder / MANIFEST, manifest.as_json())
     if replaced is not None:
         _remove_stale_files(folder, replaced.outputs, manifest.outputs)
 
 
-def _remove_stale_files(output: Path, before: Mapping[str, str], now: Mapping[str, str]) -> None:
+def _remove_stale_files(
+    output: Path, hashes_before: Mapping[str, str], hashes_now: Mapping[str, str]
+) -> None:
     """Remove unchanged files of the last build that this one does not write, and empty folders."""
-    for name in sorted(set(before) - set(now), reverse=True):
-        path = find_unaltered_file(output, name, before[name])
+    for name in sorted(set(hashes_before) - set(hashes_now), reverse=True):
+        path = find_unaltered_file(output, name, hashes_before[name])
         if path is None:
             continue
         path.unlink()

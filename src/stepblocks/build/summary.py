@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 
 from stepblocks.build import page
-from stepblocks.build.manifest import RECORD, StimulusRecord, hash_bytes, load_record
+from stepblocks.build.manifest import RECORD, StimulusRecord, hash_bytes, load_stimulus_record
 from stepblocks.declaration.set import StimulusSet
 from stepblocks.files.atomic import replace_text
 from stepblocks.predict.columns import format_predictions_csv
@@ -59,7 +59,9 @@ def write_tables_and_page(
     failures: list[str] = []
     sections = []
     for stimuli in sets:
-        section = _write_tables(stimuli, predictions[stimuli.name], output / stimuli.name, learned)
+        section = _write_set_tables(
+            stimuli, predictions[stimuli.name], output / stimuli.name, learned
+        )
         sections.append(section)
         folder = output / stimuli.name
         outputs |= _hash_files([folder / name for name in section.files], output)
@@ -72,7 +74,7 @@ def write_tables_and_page(
     return Summary(stimuli_made, failures, outputs)
 
 
-def _write_tables(
+def _write_set_tables(
     stimuli: StimulusSet,
     predictions: Sequence[Prediction],
     folder: Path,
@@ -86,7 +88,7 @@ def _write_tables(
     replace_text(folder / PREDICTIONS, format_predictions_csv(predictions, add_columns))
     records = {}
     for stimulus in stimuli.stimuli:
-        record = load_record(folder / stimulus.id)
+        record = load_stimulus_record(folder / stimulus.id)
         if record is not None:
             records[stimulus.id] = record
     files = [PREDICTIONS, *(path.name for path in write_sheath_files(stimuli, folder))]
@@ -108,11 +110,13 @@ def _hash_files(paths: Iterable[Path], output: Path) -> dict[str, str]:
     return {path.relative_to(output).as_posix(): hash_bytes(path.read_bytes()) for path in paths}
 
 
-def _map_output_hashes(record: StimulusRecord, place: str) -> dict[str, str]:
+def _map_output_hashes(record: StimulusRecord, stimulus_folder: str) -> dict[str, str]:
     """Map the name of each file of a stimulus, below the output folder, to its recorded hash."""
-    return {f"{place}/{name}": digest for name, digest in record.outputs.items()}
+    return {f"{stimulus_folder}/{name}": digest for name, digest in record.outputs.items()}
 
 
-def _list_failures(record: StimulusRecord, place: str) -> list[str]:
+def _list_failures(record: StimulusRecord, stimulus_folder: str) -> list[str]:
     """List the failed verdicts of a stimulus as texts, each below its folder."""
-    return [f"{place}/{verdict.text}" for verdict in record.verdicts if not verdict.passed]
+    return [
+        f"{stimulus_folder}/{verdict.text}" for verdict in record.verdicts if not verdict.passed
+    ]

@@ -39,7 +39,7 @@ _described: WeakKeyDictionary[Body, tuple[Face, ...]] = WeakKeyDictionary()
 OSD_ThreadPool.DefaultPool_s().Init(1)
 
 
-def _make_vector(point: Point) -> cq.Vector:
+def _make_kernel_vector(point: Point) -> cq.Vector:
     """Make a vector of the kernel [mm] of a point in metres."""
     x, y, z = point
     return cq.Vector(x * _MM, y * _MM, z * _MM)
@@ -47,16 +47,16 @@ def _make_vector(point: Point) -> cq.Vector:
 
 def _make_wire(outline: Outline) -> cq.Wire:
     """Make a closed wire of points [m], and of pairs (middle point, end point) of arcs."""
-    start = _make_vector(outline[0])
+    start = _make_kernel_vector(outline[0])
     begin = start
     edges = []
     for item in outline[1:]:
-        if _is_arc(item):
+        if _is_arc_segment(item):
             middle, end_point = item
-            end = _make_vector(end_point)
-            edges.append(_make_arc(begin, _make_vector(middle), end))
+            end = _make_kernel_vector(end_point)
+            edges.append(_make_arc(begin, _make_kernel_vector(middle), end))
         else:
-            end = _make_vector(item)
+            end = _make_kernel_vector(item)
             edges.append(cq.Edge.makeLine(begin, end))
         begin = end
     if begin.toTuple() != start.toTuple():
@@ -64,9 +64,9 @@ def _make_wire(outline: Outline) -> cq.Wire:
     return cq.Wire.assembleEdges(edges)
 
 
-def _is_arc(item: Any) -> bool:
+def _is_arc_segment(segment: Any) -> bool:
     """Tell an arc (a pair of points) from a point."""
-    return isinstance(item[0], tuple)
+    return isinstance(segment[0], tuple)
 
 
 def _make_arc(start: cq.Vector, middle: cq.Vector, end: cq.Vector) -> cq.Edge:
@@ -94,17 +94,19 @@ def _compute_squared_length(vector: NDArray[np.float64]) -> float:
     return math.fsum((vector * vector).tolist())
 
 
-def outline_circle(centre: Point, u: Point, v: Point) -> Outline:
+def outline_circle(centre: Point, first_radius: Point, second_radius: Point) -> Outline:
     """Outline a circle by its middle and two radii at right angles, as two half circles."""
-    ways = np.array([u, v, np.negative(u), np.negative(v)])
+    ways = np.array(
+        [first_radius, second_radius, np.negative(first_radius), np.negative(second_radius)]
+    )
     right, back, left, front = map(tuple, (np.array(centre) + ways).tolist())
     return [right, (back, left), (front, right)]
 
 
-def extrude(outline: Outline, by: Point, holes: Sequence[Outline] = ()) -> Body:
+def extrude(outline: Outline, vector: Point, holes: Sequence[Outline] = ()) -> Body:
     """Extrude a plane outline by a vector, which is as long as the body [m]."""
     return cq.Solid.extrudeLinear(
-        _make_wire(outline), [_make_wire(hole) for hole in holes], _make_vector(by)
+        _make_wire(outline), [_make_wire(hole) for hole in holes], _make_kernel_vector(vector)
     )
 
 
@@ -117,7 +119,7 @@ def make_box(low: Point, high: Point) -> Body:
 def find_end_faces(body: Body, axis: int) -> tuple[int, int]:
     """Find the indices of the lowest and the highest plane face square to an axis."""
     positions: dict[int, float] = {}
-    for index, face in enumerate(describe_faces(body)):
+    for index, face in enumerate(list_faces(body)):
         if face.high[axis] - face.low[axis] < _FLAT:
             positions[index] = face.low[axis]
     # of faces at one height, the first is taken for the lowest, the last for the highest
@@ -125,17 +127,19 @@ def find_end_faces(body: Body, axis: int) -> tuple[int, int]:
     return ordered[0], ordered[-1]
 
 
-def revolve(outline: Outline, foot: Point, axis: Point, degrees: float = 360.0) -> Body:
-    """Revolve a plane outline about an axis in its plane; `foot` is a point of the axis."""
-    end = np.add(foot, axis).tolist()
-    return cq.Solid.revolve(_make_wire(outline), [], degrees, _make_vector(foot), _make_vector(end))
+def revolve(outline: Outline, axis_point: Point, axis: Point, degrees: float = 360.0) -> Body:
+    """Revolve a plane outline about an axis in its plane; `axis_point` is a point of the axis."""
+    end = np.add(axis_point, axis).tolist()
+    return cq.Solid.revolve(
+        _make_wire(outline), [], degrees, _make_kernel_vector(axis_point), _make_kernel_vector(end)
+    )
 
 
 def _lift_outline(outline: Outline, lift: Callable[[float, float], Point]) -> Outline:
     """Lift a plane outline into space, the points of its arcs too."""
     lifted: list[Any] = []
     for item in outline:
-        if _is_arc(item):
+        if _is_arc_segment(item):
             middle, end = item
             lifted.append((lift(*middle), lift(*end)))
         else:
@@ -183,9 +187,9 @@ def _get_only_solid(shape: Body, operation: str) -> Body:
     return solids[0]
 
 
-def move(body: Body, by: Point) -> Body:
+def move(body: Body, shift: Point) -> Body:
     """Return a body moved by a vector [m]; the body itself stays."""
-    return body.translate(_make_vector(by))
+    return body.translate(_make_kernel_vector(shift))
 
 
 def compute_volume(body: Body) -> float:
@@ -199,29 +203,29 @@ def compute_common_volume(body: Body, obstacle: Body) -> float:
     return math.fsum(float(solid.Volume()) for solid in common.Solids()) / _MM**3
 
 
-def describe_faces(body: Body) -> tuple[Face, ...]:
+def list_faces(body: Body) -> tuple[Face, ...]:
     """Describe the faces of a body, in the order of the kernel, as they were before it was meshed.
 
     The box of a face that has triangles is another one in its last bits.
     """
     if body not in _described:
-        _described[body] = tuple(_describe_face(face) for face in body.Faces())
+        _described[body] = tuple(_measure_face(face) for face in body.Faces())
     return _described[body]
 
 
-def _describe_face(face: cq.Face) -> Face:
+def _measure_face(face: cq.Face) -> Face:
     """Describe a face: its kind, radius and box."""
     kind = str(face.geomType())
     box = face.BoundingBox()
     return Face(
         kind,
-        _get_radius(face, kind),
+        _get_face_radius(face, kind),
         (box.xmin / _MM, box.ymin / _MM, box.zmin / _MM),
         (box.xmax / _MM, box.ymax / _MM, box.zmax / _MM),
     )
 
 
-def _get_radius(face: cq.Face, kind: str) -> float:
+def _get_face_radius(face: cq.Face, kind: str) -> float:
     """Return the radius of a cylinder or sphere [m], nan for other faces."""
     if kind == "SPHERE":
         return float(face._geomAdaptor().Sphere().Radius()) / _MM
@@ -230,7 +234,7 @@ def _get_radius(face: cq.Face, kind: str) -> float:
     return math.nan
 
 
-def tessellate(body: Body, deflection: Callable[[Face], float]) -> Tessellation:
+def tessellate(body: Body, choose_deflection: Callable[[Face], float]) -> Tessellation:
     """Tessellate with an absolute chordal error per face.
 
     The error of cadquery is relative: a ball of 3 mm at 1e-3 sags by 5 um.
@@ -239,7 +243,7 @@ def tessellate(body: Body, deflection: Callable[[Face], float]) -> Tessellation:
     ----------
     body : Body
         The solid.
-    deflection : callable
+    choose_deflection : callable
         Gives the chordal error of a face [m].
 
     Returns
@@ -248,8 +252,8 @@ def tessellate(body: Body, deflection: Callable[[Face], float]) -> Tessellation:
         Every point once, triangles without an extent left out.
     """
     faces = body.Faces()
-    described = describe_faces(body)
-    _mesh_faces(body, faces, [deflection(face) for face in described])
+    described = list_faces(body)
+    _mesh_faces(body, faces, [choose_deflection(face) for face in described])
     points_of_faces, triangles_of_faces, counts = [], [], []
     start = np.int64(0)
     for face in faces:
@@ -269,18 +273,18 @@ def tessellate(body: Body, deflection: Callable[[Face], float]) -> Tessellation:
     return Tessellation(points[first], triangles[has_extent], owner[has_extent], described)
 
 
-def _mesh_faces(body: Body, faces: Sequence[cq.Face], errors: Sequence[float]) -> None:
+def _mesh_faces(body: Body, faces: Sequence[cq.Face], chordal_errors: Sequence[float]) -> None:
     """Let the kernel mesh each face with its own chordal error [m], edges with the least."""
     BRepTools.Clean_s(body.wrapped)
     parameters = IMeshTools_Parameters()
-    parameters.Deflection = min(errors) * _MM
+    parameters.Deflection = min(chordal_errors) * _MM
     parameters.Angle = _WIDE_ANGLE
     parameters.AngleInterior = _WIDE_ANGLE
     parameters.Relative = False
     parameters.InParallel = False
     parameters.AllowQualityDecrease = False
     parameters.MinSize = _SMALLEST_TRIANGLE
-    for face, error in zip(faces, errors, strict=True):
+    for face, error in zip(faces, chordal_errors, strict=True):
         parameters.DeflectionInterior = error * _MM
         BRepMesh_IncrementalMesh(face.wrapped, parameters)
 
@@ -313,7 +317,7 @@ def _read_triangulation(face: cq.Face) -> _FaceMesh:
     return _FaceMesh(np.array(points) / _MM, triangles - 1)
 
 
-def read_step(path: Path) -> list[Body]:
+def read_step_solids(path: Path) -> list[Body]:
     """Read the solids of a STEP file.
 
     Raises

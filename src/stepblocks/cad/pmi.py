@@ -206,7 +206,7 @@ def write_step_with_tolerances(
     Interface_Static.SetIVal_s("write.precision.mode", 0)
     if isinstance(materials, PmiMaterial):
         materials = [materials] * len(bodies)
-    document = _Document(bodies, materials, assembly)
+    document = _XcafDocument(bodies, materials, assembly)
     for dimension in dimensions:
         document.add_dimension(dimension)
     for tolerance in tolerances:
@@ -235,7 +235,7 @@ class _LabelledBody:
     faces: Sequence[Body]
 
 
-class _Document:
+class _XcafDocument:
     """An XCAF document, filled step by step.
 
     Parameters
@@ -258,7 +258,7 @@ class _Document:
         for (name, body), material in zip(bodies, materials, strict=True):
             self._bodies.append(self._add_body(name, body, material))
         if len(self._bodies) > 1:
-            self._make_assembly(assembly)
+            self._add_assembly(assembly)
 
     def _add_body(self, name: str, body: Body, material: PmiMaterial) -> _LabelledBody:
         """Add a solid with its name and material."""
@@ -275,7 +275,7 @@ class _Document:
         )
         return _LabelledBody(name, label, body.Faces())
 
-    def _make_assembly(self, name: str) -> None:
+    def _add_assembly(self, name: str) -> None:
         """Make one assembly of all bodies where they are.
 
         They stay products of their own, each of its material.
@@ -287,7 +287,7 @@ class _Document:
             TDataStd_Name.Set_s(component, TCollection_ExtendedString(body.name))
         self._shapes.UpdateAssemblies()
 
-    def _label_item(self, item: PmiItem) -> TDF_Label:
+    def _get_or_add_item_label(self, item: PmiItem) -> TDF_Label:
         """Return the label of a face or edge, which is added to the document where it is new."""
         body = self._bodies[item.body]
         shape = body.faces[item.face]
@@ -301,38 +301,38 @@ class _Document:
             raise SolidError(f"face {item.face} must belong to body {item.body}")
         return label
 
-    def _label_items(self, items: Sequence[PmiItem]) -> TDF_LabelSequence:
+    def _get_or_add_item_labels(self, items: Sequence[PmiItem]) -> TDF_LabelSequence:
         """Return the labels of faces and edges; those that are new are added to the document."""
         sequence = TDF_LabelSequence()
         for item in items:
-            sequence.Append(self._label_item(item))
+            sequence.Append(self._get_or_add_item_label(item))
         return sequence
 
     def add_dimension(self, dimension: PmiDimension) -> None:
         """Add a dimension with its limits and callout."""
         label = self._tolerances.AddDimension()
         content = XCAFDimTolObjects.XCAFDimTolObjects_DimensionObject()
-        content.SetType(_find_enum_member("DimensionType", _DIMENSION_TYPES[dimension.kind]))
+        content.SetType(_get_enum_member("DimensionType", _DIMENSION_TYPES[dimension.kind]))
         # angles stand in radians, the unit that the kernel writes
         unit = 1.0 if dimension.kind in _ANGLES else _MM
         content.SetValue(dimension.nominal * unit)
         content.SetUpperTolValue(dimension.upper * unit)
         content.SetLowerTolValue(-dimension.lower * unit)  # the kernel keeps it without its sign
         _attach_callout(content, dimension.callout)
-        _find_attribute(label, XCAFDoc_Dimension).SetObject(content)
-        first = self._label_items(dimension.items[:1])
-        second = self._label_items(dimension.items[1:])
+        _get_label_attribute(label, XCAFDoc_Dimension).SetObject(content)
+        first = self._get_or_add_item_labels(dimension.items[:1])
+        second = self._get_or_add_item_labels(dimension.items[1:])
         self._tolerances.SetDimension(first, second, label)
 
     def add_tolerance(self, tolerance: PmiTolerance) -> None:
         """Add a geometric tolerance with its datum and callout."""
         label = self._tolerances.AddGeomTolerance()
         content = XCAFDimTolObjects.XCAFDimTolObjects_GeomToleranceObject()
-        content.SetType(_find_enum_member("GeomToleranceType", tolerance.kind.capitalize()))
+        content.SetType(_get_enum_member("GeomToleranceType", tolerance.kind.capitalize()))
         content.SetValue(tolerance.zone * _MM)
         _attach_callout(content, tolerance.callout)
-        _find_attribute(label, XCAFDoc_GeomTolerance).SetObject(content)
-        self._tolerances.SetGeomTolerance(self._label_item(tolerance.face), label)
+        _get_label_attribute(label, XCAFDoc_GeomTolerance).SetObject(content)
+        self._tolerances.SetGeomTolerance(self._get_or_add_item_label(tolerance.face), label)
         if tolerance.datum is not None:
             self._add_datum(tolerance.datum, label)
 
@@ -342,8 +342,8 @@ class _Document:
         content = XCAFDimTolObjects.XCAFDimTolObjects_DatumObject()
         content.SetName(TCollection_HAsciiString(datum.letter))
         content.SetPosition(1)
-        _find_attribute(label, XCAFDoc_Datum).SetObject(content)
-        self._tolerances.SetDatum(self._label_items([datum.face]), label)
+        _get_label_attribute(label, XCAFDoc_Datum).SetObject(content)
+        self._tolerances.SetDatum(self._get_or_add_item_labels([datum.face]), label)
         self._tolerances.SetDatumToGeomTol(label, tolerance)
 
 
@@ -359,10 +359,10 @@ def _find_common_edge(face: Body, second_face: Body) -> Body:
     return max(common, key=lambda edge: float(edge.Length()))
 
 
-def _find_enum_member(kind: str, name: str) -> Any:
+def _get_enum_member(enum_name: str, member_name: str) -> Any:
     """Find a member of an enumeration of the kernel by its kind and its own name."""
-    enumeration = getattr(XCAFDimTolObjects, f"XCAFDimTolObjects_{kind}")
-    return getattr(enumeration, f"XCAFDimTolObjects_{kind}_{name}")
+    enumeration = getattr(XCAFDimTolObjects, f"XCAFDimTolObjects_{enum_name}")
+    return getattr(enumeration, f"XCAFDimTolObjects_{enum_name}_{member_name}")
 
 
 def _attach_callout(
@@ -376,7 +376,7 @@ def _attach_callout(
     builder.MakeCompound(compound)
     for outline in callout.outlines:
         builder.Add(compound, _make_polygon(outline.tobytes()))
-    begin, end = map(_make_point, callout.leader)
+    begin, end = map(_make_kernel_point, callout.leader)
     if begin.Distance(end) > _SHORTEST_EDGE:
         builder.Add(compound, BRepBuilderAPI_MakeEdge(begin, end).Edge())
     content.SetPresentation(compound, TCollection_HAsciiString(callout.text))
@@ -397,17 +397,17 @@ def _make_polygon(corners: bytes) -> TopoDS_Wire:
     return polygon.Wire()
 
 
-def _make_point(point: Point) -> gp_Pnt:
+def _make_kernel_point(point: Point) -> gp_Pnt:
     """Make a point of the kernel [mm] of one in metres."""
     x, y, z = point
     return gp_Pnt(x * _MM, y * _MM, z * _MM)
 
 
-def _find_attribute(label: TDF_Label, kind: type) -> Any:
+def _get_label_attribute(label: TDF_Label, attribute_type: type) -> Any:
     """Find the attribute of a label itself: FindAttribute of the bindings fills a detached copy."""
     iterator = TDF_AttributeIterator(label)
     while iterator.More():
-        if iterator.Value().DynamicType().Name() == kind.__name__:
+        if iterator.Value().DynamicType().Name() == attribute_type.__name__:
             return iterator.Value()
         iterator.Next()
-    raise SolidError(f"the kernel must give a label its {kind.__name__}")
+    raise SolidError(f"the kernel must give a label its {attribute_type.__name__}")

@@ -34,7 +34,7 @@ from stepblocks.cli import (
     session,
     study,
 )
-from stepblocks.cli.command import Group, describe_mistake
+from stepblocks.cli.command import Group, describe_option_mistake
 from stepblocks.compute.processes import kill_child_processes
 from stepblocks.errors import StepblocksError
 from stepblocks.quantities import format_units
@@ -56,7 +56,7 @@ def _print_version(requested: bool) -> None:
         raise typer.Exit
 
 
-def _take_options(
+def _accept_global_options(
     version: Annotated[
         bool,
         typer.Option(
@@ -70,7 +70,7 @@ def _take_options(
     """
 
 
-def make_command() -> TyperGroup:
+def make_root_command() -> TyperGroup:
     """Return the whole command line."""
     root_app = typer.Typer(
         name="stepblocks",
@@ -79,7 +79,7 @@ def make_command() -> TyperGroup:
         context_settings={"help_option_names": ["-h", "--help"]},
         epilog="Exit codes: 0 done, 1 out of tolerance, 2 wrong input, 3 not proven, "
         "70 an internal error.",
-        callback=_take_options,
+        callback=_accept_global_options,
         subcommand_metavar="COMMAND ...",
     )
     for module in _MODULES:
@@ -92,7 +92,7 @@ def make_command() -> TyperGroup:
 def _run_command(words: Sequence[str]) -> int:
     """Run one command and return its exit code; errors are raised."""
     # Run one command, and let what goes wrong rise
-    root = make_command()
+    root = make_root_command()
     if _COMPLETE in os.environ:
         from typer.completion import completion_init
 
@@ -124,7 +124,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print("stepblocks: interrupted", file=sys.stderr)
         return 130
     except Exception as error:
-        message, code = _describe_error(error)
+        message, code = _describe_error_with_exit_code(error)
         print(f"stepblocks: {message}", file=sys.stderr)
         return code
 
@@ -151,11 +151,11 @@ def _set_up_streams_and_signals() -> None:
                 signal.signal(number, _exit_on_signal)
 
 
-def _describe_error(error: Exception) -> tuple[str, int]:
+def _describe_error_with_exit_code(error: Exception) -> tuple[str, int]:
     """Return the line that ends a failed command, and its exit code."""
     # Return the line that ends a command, and its exit code
     if isinstance(error, typer.TyperException):
-        return f"error: {describe_mistake(error)}", 2
+        return f"error: {describe_option_mistake(error)}", 2
     if isinstance(error, StepblocksError):
         return f"error: {format_units(error)}", error.exit_code
     if isinstance(error, OSError):  # a file that vanished, or that nobody may read

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from stepblocks.cli.command import command
+from stepblocks.cli.command import register_command
 from stepblocks.cli.options import NoOpen, Port
 from stepblocks.cli.outcome import Outcome
 from stepblocks.errors import PipelineError
@@ -14,7 +14,7 @@ from stepblocks.errors import PipelineError
 app = typer.Typer()
 
 
-@command(app, "app", "app", "app lab --port 8080", "app lab --no-open", panel="Begin")
+@register_command(app, "app", "app", "app lab --port 8080", "app lab --no-open", panel="Begin")
 def open_window(
     *,
     folder: Annotated[

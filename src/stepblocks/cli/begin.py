@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, get_args
 import typer
 
 from stepblocks.cli.cluster import open_shown_cluster
-from stepblocks.cli.command import command
+from stepblocks.cli.command import register_command
 from stepblocks.cli.options import (
     Force,
     Jobs,
@@ -37,7 +37,7 @@ _TRIALS = "trial,block,height_um,load_n,speed_mm_s,tip\n1,step-025,25,0.5,5,tip-
 _Kind = Literal["block", "crown", "tip", "study", "session", "sweep", "device"]
 
 
-@command(
+@register_command(
     app,
     "new",
     "new block mine.toml",
@@ -98,14 +98,14 @@ def new(
     if plan is None and (jobs is not None or on is not None):
         raise PipelineError("--jobs and --on divide rehearsals: give the session's plan by --plan")
     if kind is None:
-        return _copy_shipped(shipped or Path("stimuli"), force=force)
+        return _copy_shipped_stimuli(shipped or Path("stimuli"), force=force)
     if kind == "session":
         file = file or Path("my-session")
         folder = file
         if file.name == "session.toml":
             folder = file.parent
         place = folder / "session.toml"
-        text, then = compose_starter_file(kind, folder)
+        text, then = compose_starter_text_and_command(kind, folder)
         if plan is not None:
             rehearse = partial(_rehearse_plan, count=rehearsals, jobs=jobs, on=on, quiet=quiet)
             return _write_planned_session(folder, plan, rehearse, then, force=force)
@@ -114,7 +114,7 @@ def new(
         place = file or Path(f"my-{kind}.toml")
         if place.name:
             place = place.with_suffix(".toml")
-        text, then = compose_starter_file(kind, place)
+        text, then = compose_starter_text_and_command(kind, place)
         texts = {place: text}
     _write_new_files(texts, force=force)
     return Outcome(
@@ -193,7 +193,7 @@ def _write_new_files(texts: Mapping[Path, str], *, force: bool) -> None:
         replace_text(place, text)
 
 
-def _copy_shipped(folder: Path, *, force: bool) -> Outcome:
+def _copy_shipped_stimuli(folder: Path, *, force: bool) -> Outcome:
     """Copy the shipped stimuli from where a wheel puts them, or from the checkout."""
     installed = Path(sysconfig.get_path("data")) / "share" / "stepblocks" / "stimuli"
     source = installed
@@ -217,7 +217,7 @@ def _copy_shipped(folder: Path, *, force: bool) -> Outcome:
 _STIMULI = ("block", "crown", "tip", "study")  # kinds that begin a stimulus file
 
 
-def compose_starter_file(kind: str, place: Path) -> tuple[str, str]:
+def compose_starter_text_and_command(kind: str, place: Path) -> tuple[str, str]:
     """Return the text of a file to begin with, and the command that takes it.
 
     Below it stands, commented out, what its kinds leave to their defaults.
@@ -242,16 +242,16 @@ def compose_starter_file(kind: str, place: Path) -> tuple[str, str]:
             f"# What a {name} leaves out; to change it for all of them, take the leading '# ' "
             "away.\n"
         )
-        defaults = _format_defaults(list_kinds()[name], f"defaults.{name}")
+        defaults = _yield_default_lines(list_kinds()[name], f"defaults.{name}")
         for line in defaults:
             text += f"# {line}\n"
         text += "\n"
     return text.rstrip() + "\n", head.partition(": ")[2]
 
 
-def _format_defaults(model: "type[BaseModel]", table: str) -> Iterator[str]:
+def _yield_default_lines(model: "type[BaseModel]", table_name: str) -> Iterator[str]:
     """Write the defaults of a kind as TOML, those of tables below it in tables of their own."""
-    yield f"[{table}]"
+    yield f"[{table_name}]"
     tables_below = []
     for name, field in model.model_fields.items():
         default = field.default
@@ -268,10 +268,10 @@ def _format_defaults(model: "type[BaseModel]", table: str) -> Iterator[str]:
         below = model.model_fields[name].annotation
         kind = next(iter(get_args(below)), below)
         assert isinstance(kind, type)
-        yield from _format_defaults(kind, f"{table}.{name}")
+        yield from _yield_default_lines(kind, f"{table_name}.{name}")
 
 
-@command(app, "help", "help", "help export", panel=_PANEL)
+@register_command(app, "help", "help", "help export", panel=_PANEL)
 def print_help(
     *,
     about: Annotated[
@@ -287,7 +287,7 @@ def print_help(
     return Outcome("")
 
 
-@command(
+@register_command(
     app,
     "completion",
     "completion bash >> ~/.bashrc",

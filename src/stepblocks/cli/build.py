@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stepblocks.cli.cluster import open_shown_cluster
-from stepblocks.cli.command import command
+from stepblocks.cli.command import register_command
 from stepblocks.cli.options import (
     Files,
     Jobs,
@@ -30,7 +30,7 @@ app = typer.Typer()
 _STEP_ENDINGS = {".step", ".stp", ".p21"}
 
 
-@command(
+@register_command(
     app,
     "build",
     "build",
@@ -100,7 +100,7 @@ def build(
     )
 
 
-@command(app, "check", "check", "check part.step", panel="Stimuli")
+@register_command(app, "check", "check", "check part.step", panel="Stimuli")
 def check(
     *,
     files: Annotated[
@@ -201,7 +201,7 @@ def _check_step_files(paths: list[Path]) -> Outcome:
     )
 
 
-@command(
+@register_command(
     app,
     "workshop",
     "workshop mine.toml",

@@ -16,11 +16,11 @@ from stepblocks.cli.outcome import (
     collect_reading_notes,
     protect_outputs,
     refuse_input_as_output,
-    show,
+    show_outcome,
 )
 from stepblocks.errors import PipelineError
 from stepblocks.files.layout import TableLayout
-from stepblocks.files.store import names_object_store
+from stepblocks.files.store import is_object_store_address
 
 Function = Callable[..., Outcome]
 
@@ -54,7 +54,9 @@ class Command(TyperCommand):
                 options.update(dict.fromkeys(parameter.opts, parameter))
         try:
             # a shell that asks how a line may go on has no value yet
-            words = list(_spread_values(args, options, is_complete=not ctx.resilient_parsing))
+            words = list(
+                _repeat_options_before_values(args, options, is_complete=not ctx.resilient_parsing)
+            )
         except _ValueMissingError as error:
             raise PipelineError(
                 f"{error.option} needs a value (see {ctx.command_path} --help)"
@@ -70,7 +72,7 @@ class _ValueMissingError(Exception):
         self.option = option
 
 
-def _spread_values(
+def _repeat_options_before_values(
     words: Sequence[str], options: Mapping[str, TyperOption], *, is_complete: bool
 ) -> Iterator[str]:
     """Name an option of several values before each of them, and complete an option without.
@@ -134,8 +136,8 @@ def _hide_flag_types(parameters: list[Any]) -> list[Any]:
     return parameters
 
 
-def command(
-    app: typer.Typer, name: str, *examples: str, panel: str | None = None
+def register_command(
+    typer_app: typer.Typer, name: str, *examples: str, panel: str | None = None
 ) -> Callable[[Function], Function]:
     """Return a decorator that adds a function to an app as a command.
 
@@ -145,7 +147,7 @@ def command(
     first paragraph of its docstring is the command's line in the list; `examples` end the help.
     """
 
-    def register(function: Function) -> Function:
+    def register_function(function: Function) -> Function:
         signature = inspect.signature(function, eval_str=True)
         common = inspect.signature(_declare_common_options, eval_str=True).parameters
         asked = [option for option in signature.parameters.values() if option.name != _LAYOUT]
@@ -166,7 +168,7 @@ def command(
                 taken[_LAYOUT] = make_layout(**declared)
             if "quiet" in taken:  # JSON alone is printed, without a display of progress
                 taken["quiet"] = shown["quiet"] or shown["as_json"]
-            outputs, inputs = _list_paths(values)
+            outputs, inputs = _list_output_and_input_paths(values)
             if not writes_folder:
                 refuse_input_as_output(outputs, inputs)
             protected = protect_outputs(list(outputs.values()), force=force)
@@ -175,7 +177,7 @@ def command(
                 written += outcome.kept
             if notes or reads_tables:
                 outcome.reading = notes
-            show(outcome, written, **shown)
+            show_outcome(outcome, written, **shown)
             return int(outcome.code)
 
         parameters = [*asked, *added]
@@ -183,16 +185,16 @@ def command(
         epilog = "Examples:"
         for example in examples:
             epilog += f"\n  stepblocks {example}"
-        app.command(
+        typer_app.command(
             name,
             cls=Command,
-            help=_join_lines(inspect.getdoc(function) or ""),
+            help=_join_lines_of_paragraphs(inspect.getdoc(function) or ""),
             rich_help_panel=panel,
             epilog=epilog,
         )(run)
         return function
 
-    return register
+    return register_function
 
 
 def _takes_folder(parameter: inspect.Parameter | None) -> bool:
@@ -203,23 +205,25 @@ def _takes_folder(parameter: inspect.Parameter | None) -> bool:
     return any(getattr(entry, "metavar", None) == "DIR" for entry in declared)
 
 
-def _list_paths(values: Mapping[str, object]) -> tuple[dict[str, Path], list[Path]]:
+def _list_output_and_input_paths(
+    option_values: Mapping[str, object],
+) -> tuple[dict[str, Path], list[Path]]:
     """List the places that a command writes to, by their options, and those that it reads from.
 
     Parameters
     ----------
-    values : mapping
+    option_values : mapping
         The values of its options and arguments by their names.
     """
     outputs: dict[str, Path] = {}
     for name in _OUTPUTS:
-        value = values.get(name)
-        if name == "output" and isinstance(value, str) and not names_object_store(value):
+        value = option_values.get(name)
+        if name == "output" and isinstance(value, str) and not is_object_store_address(value):
             value = Path(value)
         if isinstance(value, Path):
             outputs[f"--{name.replace('_', '-')}"] = value
     inputs: list[Path] = []
-    for name, value in values.items():
+    for name, value in option_values.items():
         if name in _OUTPUTS or name == _PICTURES:
             continue
         paths = value if isinstance(value, list) else [value]
@@ -227,7 +231,7 @@ def _list_paths(values: Mapping[str, object]) -> tuple[dict[str, Path], list[Pat
     return outputs, inputs
 
 
-def _join_lines(text: str) -> str:
+def _join_lines_of_paragraphs(text: str) -> str:
     """Return a docstring with each paragraph in one line."""
     paragraphs = []
     for paragraph in text.split("\n\n"):
@@ -248,12 +252,12 @@ def make_layout(
     return TableLayout(decimal=decimal, encoding=encoding, missing=missing)
 
 
-def describe_mistake(error: typer.TyperException) -> str:
+def describe_option_mistake(error: typer.TyperException) -> str:
     """Say in one line what is wrong with the options, and where the help is."""
     message = error.format_message()
     parameter = getattr(error, "param", None)
     if parameter is not None and error.message:
-        message = f"{_name_parameter(parameter)}: {error.message}"
+        message = f"{_get_parameter_name(parameter)}: {error.message}"
     message = " ".join(message.split()).replace("Value error, ", "").rstrip(".")
     context = getattr(error, "ctx", None)
     if context is None or "Did you mean" in message or "Possible options" in message:
@@ -261,7 +265,7 @@ def describe_mistake(error: typer.TyperException) -> str:
     return f"{message} (see {context.command_path} --help)"
 
 
-def _name_parameter(parameter: Any) -> str:
+def _get_parameter_name(parameter: Any) -> str:
     """Return how a user writes an option or argument."""
     if isinstance(parameter, TyperOption):
         return max(parameter.opts, key=len)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 from typer.models import OptionInfo
 
-from stepblocks.cli.command import command
+from stepblocks.cli.command import register_command
 from stepblocks.cli.options import (
     Friction,
     Load,
@@ -31,15 +31,15 @@ _SETTING = "How the conditions are held"
 _NOT_KNOWN = "0"  # tolerance of a condition that is left out
 
 
-def _make_length_option(name: str, what: str, default: str) -> OptionInfo:
+def _make_length_option(name: str, help_text: str, default: str) -> OptionInfo:
     """Return an option of the route of making: a text that is read with the declaration."""
     option: OptionInfo = typer.Option(
-        name, metavar="LENGTH", help=what, show_default=default, rich_help_panel=_ROUTE
+        name, metavar="LENGTH", help=help_text, show_default=default, rich_help_panel=_ROUTE
     )
     return option
 
 
-@command(
+@register_command(
     app,
     "design-set",
     "design-set even.toml --lowest '2 uJ' --apart '1 JND' --number 6",
@@ -235,7 +235,7 @@ def design_set(
 
     if output.suffix != ".toml":
         raise PipelineError(f"SET.toml must end in .toml, got {output}")
-    _require_picture(plot)
+    _require_picture_ending(plot)
     options = keep_given_options(
         step=step,
         least=least,
@@ -244,11 +244,11 @@ def design_set(
         edge_radius=edge_radius,
         edge_tolerance=edge_tolerance,
     )
-    conditions = _declare_conditions(
+    conditions = _make_condition_tables(
         tip_radius,
         load,
         friction,
-        _declare_tool(stiffness, conversion),
+        _make_tool_table(stiffness, conversion),
         tip_radius=tip_tolerance,
         normal_load=load_tolerance,
         friction=friction_tolerance,
@@ -272,38 +272,38 @@ def design_set(
     found.stimuli.to_toml(output)
     if plot is not None:
         found.draw(plot)
-    return _build_outcome(found, output, plot)
+    return _build_design_outcome(found, output, plot)
 
 
-def _require_picture(plot: Path | None) -> None:
+def _require_picture_ending(plot: Path | None) -> None:
     """Refuse a picture of a format that is not written, before anything is computed."""
     if plot is not None and plot.suffix not in (".png", ".svg"):
         raise PipelineError(f"--plot must end in .png or .svg, got {plot}")
 
 
-def _declare_conditions(
-    tip: float | None,
+def _make_condition_tables(
+    ball_radius: float | None,
     load: float | None,
-    coefficient: float | None,
-    tool: dict[str, Any],
-    **held: float | None,
+    friction_coefficient: float | None,
+    tool_table: dict[str, Any],
+    **held_tolerances: float | None,
 ) -> dict[str, Any] | None:
     """Declare the conditions that were given, as a stimulus file does; None where none was.
 
-    `held` are tolerances, by the names of ``[prediction.tolerances]``.
+    `held_tolerances` stand by the names of ``[prediction.tolerances]``.
     """
     from stepblocks.quantities import format_exactly
 
     declared: dict[str, Any] = {}
-    if tip is not None:
-        declared["tip_radii"] = [format_exactly(tip, "length")]
+    if ball_radius is not None:
+        declared["tip_radii"] = [format_exactly(ball_radius, "length")]
     if load is not None:
         declared["normal_loads"] = [format_exactly(load, "force")]
-    if coefficient is not None:
-        declared["frictions"] = [coefficient]
-    if tool:
-        declared["tool"] = tool
-    tolerances = keep_given_options(**held)
+    if friction_coefficient is not None:
+        declared["frictions"] = [friction_coefficient]
+    if tool_table:
+        declared["tool"] = tool_table
+    tolerances = keep_given_options(**held_tolerances)
     if "tip_radius" in tolerances:
         tolerances["tip_radius"] = format_exactly(tolerances["tip_radius"], "length")
     if tolerances:
@@ -311,7 +311,7 @@ def _declare_conditions(
     return declared or None
 
 
-def _declare_tool(stiffness: float | None, conversion: float | None) -> dict[str, Any]:
+def _make_tool_table(stiffness: float | None, conversion: float | None) -> dict[str, Any]:
     """Declare what was given of the tool, as a stimulus file does."""
     from stepblocks.quantities import format_exactly
 
@@ -321,7 +321,7 @@ def _declare_tool(stiffness: float | None, conversion: float | None) -> dict[str
     return tool
 
 
-def _build_outcome(found: "SetDesign", output: Path, plot: Path | None) -> Outcome:
+def _build_design_outcome(found: "SetDesign", output: Path, plot: Path | None) -> Outcome:
     """Show a designed set: its tables, what to know of it, and the picture."""
     from stepblocks.predict.set_design.result import MISSED
 

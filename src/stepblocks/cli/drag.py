@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from stepblocks.cli.command import command
+from stepblocks.cli.command import register_command
 from stepblocks.cli.options import (
     Stimuli,
     keep_given_options,
@@ -32,7 +32,7 @@ def _read_length_range(text: str) -> tuple[float, float]:
         ) from error
 
 
-@command(
+@register_command(
     app,
     "drag",
     "drag '25 um' --load '0.5 N'",

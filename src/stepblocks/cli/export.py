@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from stepblocks.cli.command import command
+from stepblocks.cli.command import register_command
 from stepblocks.cli.options import (
     Files,
     Friction,
@@ -24,7 +24,7 @@ from stepblocks.cli.options import (
 )
 from stepblocks.cli.outcome import Outcome, format_count, make_progress
 from stepblocks.files.layout import UNDECLARED, TableLayout
-from stepblocks.files.table_rows import list_rows
+from stepblocks.files.table_rows import list_rows_by_column_name
 
 app = typer.Typer()
 
@@ -42,7 +42,7 @@ class Simulator(StrEnum):
     NATIVE = "native"
 
 
-@command(
+@register_command(
     app,
     "export",
     "export mine.toml --for mujoco",
@@ -164,12 +164,12 @@ def export(
     return Outcome(summary, notes=notes, record=record)
 
 
-def _tabulate_devices(own: Path | None) -> Outcome:
+def _tabulate_devices(own_file: Path | None) -> Outcome:
     """Tabulate the devices that are known, and those of a user's own file."""
     from stepblocks.haptics.devices import load_devices
 
     rows = []
-    for device in load_devices(own):
+    for device in load_devices(own_file):
         limit_n_mm = None
         if device.stiffness_limit is not None:
             limit_n_mm = device.stiffness_limit.value * 1e-3
@@ -187,7 +187,7 @@ def _tabulate_devices(own: Path | None) -> Outcome:
     return Outcome(f"{len(rows)} devices; sources stand in haptics/devices.toml", {"devices": rows})
 
 
-@command(app, "feel", "feel", "feel mine.toml --no-open", panel="Simulators")
+@register_command(app, "feel", "feel", "feel mine.toml --no-open", panel="Simulators")
 def feel(
     *,
     files: Files = None,
@@ -214,7 +214,7 @@ def feel(
     return Outcome(f"{page}: {format_count(count, 'block')}", page=page)
 
 
-@command(
+@register_command(
     app,
     "compare",
     "compare record.csv --to stimuli/paper-ten.toml/step-050",
@@ -262,5 +262,5 @@ def compare(
     return Outcome(
         f"{found['difference_jnd'].iloc[-1]:.3g} just noticeable differences from {to.name}, all "
         "parts together",
-        {"realism": list_rows(found.iloc[:-1])},
+        {"realism": list_rows_by_column_name(found.iloc[:-1])},
     )

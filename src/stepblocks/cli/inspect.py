@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from stepblocks.cli.command import command
+from stepblocks.cli.command import register_command
 from stepblocks.cli.options import (
     Numbers,
     Stimuli,
@@ -28,7 +28,7 @@ app = typer.Typer()
 _EVALUATION, _INSTRUMENT = "Evaluation of the scan", "Instrument"
 
 
-@command(
+@register_command(
     app,
     "inspect",
     "inspect scan.x3p --stimulus step-050 --calibration '0.1 %' -o out",
@@ -271,8 +271,8 @@ def inspect(
         exclusion=exclusion,
         begin=begin,
         end=end,
-        stylus_radius=_prefer_option(stylus_radius, device.get("stylus_radius")),
-        stylus_cone=_prefer_option(stylus_cone, device.get("stylus_cone")),
+        stylus_radius=_choose_option_or_known_value(stylus_radius, device.get("stylus_radius")),
+        stylus_cone=_choose_option_or_known_value(stylus_cone, device.get("stylus_cone")),
     )
     arguments = keep_given_options(
         options=options,
@@ -297,10 +297,10 @@ def inspect(
     )
 
 
-def _prefer_option(option: float | None, known: float | None) -> float | None:
+def _choose_option_or_known_value(option: float | None, known_value: float | None) -> float | None:
     """Return an option where it was given, else the known value of the laboratory's instrument."""
     if option is None:
-        return known
+        return known_value
     return option
 
 
@@ -314,9 +314,9 @@ def _make_instrument(
     from stepblocks.inspect.budget import Instrument
 
     return Instrument(
-        _prefer_option(calibration, device.get("calibration")),
+        _choose_option_or_known_value(calibration, device.get("calibration")),
         resolution or device.get("resolution") or 0.0,
-        _prefer_option(lateral_calibration, device.get("lateral_calibration")),
+        _choose_option_or_known_value(lateral_calibration, device.get("lateral_calibration")),
     )
 
 

@@ -14,7 +14,7 @@ import typer
 from typer.models import OptionInfo
 
 from stepblocks.errors import PipelineError
-from stepblocks.files.layout import read_missing_value
+from stepblocks.files.layout import parse_missing_value
 from stepblocks.quantities import parse_quantity
 
 _MOST_DIGITS = 18  # of a whole number on the command line
@@ -113,18 +113,18 @@ def require_exactly_one(next_step: str, **options: object) -> None:
     """Require exactly one of several options that exclude each other."""
     count = len(keep_given_options(**options))
     if count != 1:
-        names = " or ".join(map(_name_option, options))
+        names = " or ".join(map(_format_option_name, options))
         raise PipelineError(f"one of {names} must be given, got {count or 'none'}; {next_step}")
 
 
 def refuse_more_than_one(**options: object) -> None:
     """Refuse more than one of several options that exclude each other."""
     if len(keep_given_options(**options)) > 1:
-        names = " and ".join(map(_name_option, options))
+        names = " and ".join(map(_format_option_name, options))
         raise PipelineError(f"{names} exclude each other: give one of them")
 
 
-def _name_option(name: str) -> str:
+def _format_option_name(name: str) -> str:
     """Return how a user writes an option; an argument stands in capitals."""
     if name.isupper():
         return name
@@ -161,7 +161,7 @@ Missing = Annotated[
     typer.Option(
         "--missing",
         metavar="VALUE",
-        parser=read_missing_value,
+        parser=parse_missing_value,
         help="number or word that stands for a missing value, such as -9999; may be repeated",
         show_default="numbers that stand out",
         rich_help_panel=_OF_TABLES,

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from stepblocks.build.manifest import hash_file
 from stepblocks.errors import PipelineError, ReadingWarning
 from stepblocks.files.atomic import protect_files, replace_text
-from stepblocks.files.progress import PROGRESS_FILE, ProgressStep, append_step
+from stepblocks.files.progress import PROGRESS_FILE, ProgressStep, append_progress_step
 from stepblocks.quantities import format_column, format_column_label, format_units
 
 if TYPE_CHECKING:
@@ -100,14 +100,14 @@ def format_count(count: int, noun: str) -> str:
     return f"{count} {noun}s"
 
 
-def show(
+def show_outcome(
     outcome: Outcome, written: Sequence[Path], *, quiet: bool, as_json: bool, wide: bool
 ) -> None:
     """Print an outcome: as JSON, as nothing, or as tables with what was written where."""
     if as_json:
         record = outcome.record
         if record is None:
-            record = _build_record(outcome, written)
+            record = _build_default_record(outcome, written)
         if outcome.reading and isinstance(record, Mapping):
             reading = [note.as_record() for note in outcome.reading]
             record = {**record, "reading": reading}
@@ -119,7 +119,7 @@ def show(
         print(format_units(failure), file=sys.stderr)
 
 
-def _build_record(outcome: Outcome, written: Sequence[Path]) -> dict[str, object]:
+def _build_default_record(outcome: Outcome, written: Sequence[Path]) -> dict[str, object]:
     """Return what ``--json`` prints of a command that has no record of its own."""
     return {
         "summary": outcome.summary,
@@ -134,21 +134,21 @@ def _print_outcome(outcome: Outcome, written: Sequence[Path], *, wide: bool) -> 
     for title, rows in outcome.tables.items():
         print_table(title, rows, wide=wide)
     for found in outcome.reading or ():
-        _print(str(found))
+        _print_with_rich(str(found))
     for note in outcome.notes:
-        _print(note)
+        _print_with_rich(note)
     if outcome.summary:
         style = "bold"
         if outcome.code != 0:
             style = "bold red"
-        _print(outcome.summary, style)
+        _print_with_rich(outcome.summary, style)
     if written:
-        _print(_describe_written(written), "dim")
+        _print_with_rich(_describe_written_files(written), "dim")
     if outcome.page is not None:
-        _print(f"open {outcome.page}", "cyan")
+        _print_with_rich(f"open {outcome.page}", "cyan")
 
 
-def _describe_written(written: Sequence[Path]) -> str:
+def _describe_written_files(written: Sequence[Path]) -> str:
     """List a few files by name, and many by their folders."""
     if len(written) <= _FEW_FILES:
         return "written: " + " ".join(map(str, written))
@@ -159,7 +159,9 @@ def _describe_written(written: Sequence[Path]) -> str:
     return text
 
 
-def _print(content: "RenderableType", style: str | None = None, width: int | None = None) -> None:
+def _print_with_rich(
+    content: "RenderableType", style: str | None = None, width: int | None = None
+) -> None:
     """Print through rich, but by our own stream, whose early end `main` handles."""
     from rich.console import Console
 
@@ -198,7 +200,7 @@ def print_table(title: str, rows: Sequence[Mapping[str, object]], *, wide: bool 
     """Print rows as columns; one line names what all rows share, another what did not fit."""
     if not rows:
         return
-    columns = [_make_column(name, rows) for name in rows[0]]
+    columns = [_make_printed_column(name, rows) for name in rows[0]]
     width = _UNLIMITED
     if not wide:
         width = _find_line_width()
@@ -209,17 +211,17 @@ def print_table(title: str, rows: Sequence[Mapping[str, object]], *, wide: bool 
             varying.append(column)
         elif column.cells[0] not in _EMPTY_CELLS:
             constants.append(f"{column.head.replace(',', '')} {column.cells[0]}")
-    shown = _choose_columns(varying, width)
+    shown = _choose_fitting_columns(varying, width)
     if title:
-        _print(title, "bold")
+        _print_with_rich(title, "bold")
     if constants:
-        _print(", ".join(constants), "dim")
-    _print(_lay_out_table(shown), width=width)
+        _print_with_rich(", ".join(constants), "dim")
+    _print_with_rich(_lay_out_table(shown), width=width)
     if len(shown) < len(varying):
         print(f"({len(varying) - len(shown)} more columns: --wide)", file=sys.stderr)
 
 
-def _make_column(name: str, rows: Sequence[Mapping[str, object]]) -> _Column:
+def _make_printed_column(name: str, rows: Sequence[Mapping[str, object]]) -> _Column:
     """Make a column of the cells of a name, formatted; limits are not rounded."""
     # a limit is what was agreed, not a figure to be rounded
     is_limit = name.startswith(("lower", "upper"))
@@ -232,7 +234,7 @@ def _find_line_width() -> int:
     return int(os.environ.get("COLUMNS", "0") or 0) or _WIDTH
 
 
-def _choose_columns(columns: Sequence[_Column], width: int) -> list[_Column]:
+def _choose_fitting_columns(columns: Sequence[_Column], width: int) -> list[_Column]:
     """Choose the columns that fit the width, in their order, and at least one."""
     left = width + _GAP
     chosen: list[_Column] = []
@@ -290,7 +292,7 @@ def _make_step_writer(label: str, path: Path) -> Callable[..., None]:
         if now - last_time < _LEAST_PERIOD and done != total:
             return
         last_time = now
-        append_step(path, ProgressStep(done, total, f"{label} {name}".rstrip()))
+        append_progress_step(path, ProgressStep(done, total, f"{label} {name}".rstrip()))
 
     return write_step
 
@@ -301,7 +303,7 @@ def _make_line_printer(label: str, lines: int) -> Callable[..., None]:
 
     def print_line(done: int | None = None, total: int | None = None, name: str = "") -> None:
         done = done or next(number)
-        if not lines or not _is_due(done, total, lines):
+        if not lines or not _is_line_due(done, total, lines):
             return
         of_total = ""
         if total is not None:
@@ -311,7 +313,7 @@ def _make_line_printer(label: str, lines: int) -> Callable[..., None]:
     return print_line
 
 
-def _is_due(done: int, total: int | None, lines: int) -> bool:
+def _is_line_due(done: int, total: int | None, lines: int) -> bool:
     """Tell whether a line is printed now, so that there are about so many in all."""
     if total is None or total <= lines:
         return True
@@ -394,7 +396,7 @@ def protect_outputs(places: Sequence[Path], *, force: bool) -> Iterator[list[Pat
         for guard in guards:
             changed = [path for path in guard.list_changed_files() if path not in written]
             written += changed
-            guard.remember([*changed, *kept])
+            guard.record_written_files([*changed, *kept])
 
 
 class _OutputGuard:
@@ -414,10 +416,10 @@ class _OutputGuard:
     def __init__(self, place: Path, *, force: bool) -> None:
         self._place = place
         self._force = force
-        self._folder = _find_folder(place)
-        self._before = {path: _read_time_and_size(path) for path in _list_files(place)}
-        self._built = _read_hashes(self._folder / "manifest.json", "outputs")
-        self._known = _read_hashes(self._folder / _MEMORY, "written")
+        self._folder = _find_output_folder(place)
+        self._before = {path: _read_time_and_size(path) for path in _list_output_files(place)}
+        self._built = _read_recorded_hashes(self._folder / "manifest.json", "outputs")
+        self._known = _read_recorded_hashes(self._folder / _MEMORY, "written")
 
     def is_protected(self, path: Path) -> bool:
         """Tell whether a file was there before and is not as a command wrote it."""
@@ -431,14 +433,14 @@ class _OutputGuard:
     def list_changed_files(self) -> list[Path]:
         """List the files that are new, or not as they were."""
         changed = []
-        for path in sorted(_list_files(self._place)):
+        for path in sorted(_list_output_files(self._place)):
             if self._before.get(path) != _read_time_and_size(path):
                 changed.append(path)
         return changed
 
-    def remember(self, written: Sequence[Path]) -> None:
+    def record_written_files(self, written: Sequence[Path]) -> None:
         """Note which files in the folder are ours."""
-        folder = _find_folder(self._place)
+        folder = _find_output_folder(self._place)
         inside = [path for path in written if path.is_relative_to(folder)]
         _remember_written_files(folder, inside)
 
@@ -475,19 +477,19 @@ def _is_same_file(first: Path, second: Path) -> bool:
         return False
 
 
-def _find_folder(place: Path) -> Path:
+def _find_output_folder(output: Path) -> Path:
     """Return the folder that a place names; of a file, written or to be written, its folder."""
-    is_file = place.is_file() or (place.suffix and not place.is_dir())
+    is_file = output.is_file() or (output.suffix and not output.is_dir())
     if is_file:
-        return place.parent
-    return place
+        return output.parent
+    return output
 
 
-def _list_files(place: Path) -> list[Path]:
+def _list_output_files(output: Path) -> list[Path]:
     """List the files at a place, but for our own note of what was written there."""
-    paths = [place]
-    if place.is_dir():
-        paths = list(place.rglob("*"))
+    paths = [output]
+    if output.is_dir():
+        paths = list(output.rglob("*"))
     return [path for path in paths if path.is_file() and path.name != _MEMORY]
 
 
@@ -497,7 +499,7 @@ def _read_time_and_size(path: Path) -> tuple[int, int]:
     return found.st_mtime_ns, found.st_size
 
 
-def _read_hashes(file: Path, key: str) -> dict[str, str]:
+def _read_recorded_hashes(file: Path, key: str) -> dict[str, str]:
     """Read hashes of files by their names; none where there is no such file."""
     try:
         return dict(json.loads(file.read_text(encoding="utf-8"))[key])
@@ -510,8 +512,8 @@ def _remember_written_files(folder: Path, written: Sequence[Path]) -> None:
 
     Files that a build's manifest names are left out.
     """
-    built = _read_hashes(folder / "manifest.json", "outputs")
-    before = _read_hashes(folder / _MEMORY, "written")
+    built = _read_recorded_hashes(folder / "manifest.json", "outputs")
+    before = _read_recorded_hashes(folder / _MEMORY, "written")
     hashes = dict(before)
     for path in written:
         hashes[path.relative_to(folder).as_posix()] = hash_file(path)

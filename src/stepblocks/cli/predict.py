@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from stepblocks.cli.cluster import open_shown_cluster
-from stepblocks.cli.command import command
+from stepblocks.cli.command import register_command
 from stepblocks.cli.options import (
     AsBuilt,
     Laws,
@@ -24,7 +24,7 @@ from stepblocks.cli.options import (
 )
 from stepblocks.cli.outcome import Outcome, make_progress
 from stepblocks.errors import PipelineError
-from stepblocks.files.layout import UNDECLARED, TableLayout, refuse_layout
+from stepblocks.files.layout import UNDECLARED, TableLayout, refuse_declared_layout
 
 if TYPE_CHECKING:
     from stepblocks.declaration.set import StimulusSet
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 app = typer.Typer()
 
 
-@command(
+@register_command(
     app,
     "predict",
     "predict mine.toml",
@@ -120,7 +120,7 @@ def predict(
     in_time = None
     if conversion is not None:
         in_time = conversion == "simulated"
-    asked = _Asked(
+    asked = _PredictionOptions(
         in_time=in_time,
         speed=_choose_speed(speed),
         discrimination=_read_discrimination(discrimination, layout),
@@ -131,7 +131,7 @@ def predict(
 
 
 @dataclass(frozen=True)
-class _Asked:
+class _PredictionOptions:
     """How sets are predicted."""
 
     in_time: bool | None  # whether rows are dragged in time; None up to a number of rows
@@ -139,13 +139,13 @@ class _Asked:
     discrimination: "Discrimination"
 
 
-def _choose_speed(given: float | None) -> float:
+def _choose_speed(given_speed: float | None) -> float:
     """Return the speed of the handle [m/s], by default the paper's."""
     from stepblocks.contact.operating_point import PAPER
 
-    if given is None:
+    if given_speed is None:
         return PAPER.speed
-    return given
+    return given_speed
 
 
 def _refuse_perception(perception: Path | None, discrimination: Path | None) -> None:
@@ -160,7 +160,7 @@ def _read_discrimination(table: Path | None, layout: TableLayout) -> "Discrimina
     from stepblocks.predict.perception import LITERATURE, read_discrimination
 
     if table is None:
-        refuse_layout(layout, "stimulus files", PipelineError)
+        refuse_declared_layout(layout, "stimulus files", PipelineError)
         return LITERATURE
     return read_discrimination(table, layout=layout)
 
@@ -168,7 +168,7 @@ def _read_discrimination(table: Path | None, layout: TableLayout) -> "Discrimina
 def _predict_sets(
     files: list[Path],
     records: list[Path] | None,
-    asked: _Asked,
+    asked: _PredictionOptions,
     *,
     output: Path | None,
     plots: Path | None,
@@ -200,14 +200,14 @@ def _predict_sets(
     predictions = _list_predictions(predicted)
     notes = [*describe_predictions_beyond_limits(predictions), *describe_felt_model(predictions)]
     if perception:
-        notes += _write_pairs(predicted, asked, perception)
+        notes += _write_pair_table(predicted, asked, perception)
     if plots:
         notes += _write_plots(predicted, asked, plots)
     rings = _tabulate_rings([found.stimuli for found in predicted])
     record = {"predictions": rows, **rings, "notes": notes}
     if output:
         replace_text(output, format_csv(rows))
-        summary = _count_predictions(output, len(rows))
+        summary = _describe_prediction_count(output, len(rows))
         return Outcome(summary, rings, notes=notes, record=record)
     columns: Sequence[str] = list(rows[0])
     if not wide:
@@ -226,7 +226,9 @@ def _list_predictions(predicted: "list[PredictedSet]") -> "list[Prediction]":
     return predictions
 
 
-def _predict_as_declared(sets: "list[StimulusSet]", asked: _Asked) -> "list[PredictedSet]":
+def _predict_as_declared(
+    sets: "list[StimulusSet]", asked: _PredictionOptions
+) -> "list[PredictedSet]":
     """Predict sets at their nominal sizes."""
     from stepblocks.predict.as_built import predict_as_declared
 
@@ -238,7 +240,7 @@ def _predict_as_declared(sets: "list[StimulusSet]", asked: _Asked) -> "list[Pred
 
 
 def _predict_as_built(
-    sets: "list[StimulusSet]", paths: list[Path], asked: _Asked
+    sets: "list[StimulusSet]", paths: list[Path], asked: _PredictionOptions
 ) -> "list[PredictedSet]":
     """Predict sets at their measured sizes, and say how the energies changed by that."""
     from stepblocks.predict import as_built
@@ -268,7 +270,9 @@ def _predict_as_built(
     return predicted
 
 
-def _write_pairs(predicted: "list[PredictedSet]", asked: _Asked, path: Path) -> list[str]:
+def _write_pair_table(
+    predicted: "list[PredictedSet]", asked: _PredictionOptions, path: Path
+) -> list[str]:
     """Write how well each pair of stimuli is told apart; return what to say of it."""
     import pandas as pd
 
@@ -296,7 +300,9 @@ def _write_pairs(predicted: "list[PredictedSet]", asked: _Asked, path: Path) -> 
     return notes
 
 
-def _write_plots(predicted: "list[PredictedSet]", asked: _Asked, folder: Path) -> list[str]:
+def _write_plots(
+    predicted: "list[PredictedSet]", asked: _PredictionOptions, folder: Path
+) -> list[str]:
     """Write the plots of several sets; return their paths."""
     from stepblocks.predict.figures import write_prediction_plots
     from stepblocks.predict.neighbours import iterate_pairs
@@ -336,10 +342,10 @@ def _predict_table(
     if model is not None:
         return _predict_trials(file, model, output, layout)
     table = predict_table(file, output, layout=layout)
-    return Outcome(_count_predictions(output, len(table)))
+    return Outcome(_describe_prediction_count(output, len(table)))
 
 
-def _count_predictions(output: Path, count: int) -> str:
+def _describe_prediction_count(output: Path, count: int) -> str:
     """Say how many predictions an output has."""
     noun = "prediction" if count == 1 else "predictions"
     return f"{output}: {count} {noun}"
@@ -376,7 +382,7 @@ def _predict_trials(file: Path, model: Path, output: Path, layout: TableLayout) 
     )
 
 
-@command(
+@register_command(
     app,
     "sweep",
     "sweep sweep.toml",

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from stepblocks.cli.cluster import open_shown_cluster
-from stepblocks.cli.command import command
+from stepblocks.cli.command import register_command
 from stepblocks.cli.options import (
     AsBuilt,
     Jobs,
@@ -29,7 +29,7 @@ from stepblocks.files.text import Document
 app = typer.Typer()
 
 
-@command(
+@register_command(
     app,
     "simulate-session",
     "simulate-session plan.toml -o rehearsal",
@@ -112,7 +112,7 @@ def _simulate_sessions(
     )
 
 
-@command(
+@register_command(
     app,
     "measure",
     "measure session",
@@ -241,7 +241,7 @@ def _report_session_check(
     )
 
 
-@command(
+@register_command(
     app,
     "loop",
     "loop session",

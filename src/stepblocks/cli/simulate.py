@@ -7,7 +7,7 @@ import typer
 
 import stepblocks
 from stepblocks.cli.cluster import open_shown_cluster
-from stepblocks.cli.command import command
+from stepblocks.cli.command import register_command
 from stepblocks.cli.options import (
     Blocks,
     Faces,
@@ -30,11 +30,11 @@ from stepblocks.cli.study_options import (
     Names,
     Seed,
     StandardOption,
-    choose_source,
-    read_names,
-    read_pairs,
+    choose_height_source,
+    parse_name_value_pairs,
+    parse_names,
 )
-from stepblocks.files.table_rows import list_rows
+from stepblocks.files.table_rows import list_rows_by_column_name
 
 if TYPE_CHECKING:
     from stepblocks.study.design.simulate import Observer
@@ -47,7 +47,7 @@ _OBSERVER = "Simulated participants"
 def _read_trials_per_block(text: str) -> dict[str, int]:
     """Read how many trials each block has from pairs ``block=trials`` separated by commas."""
     read = make_whole_number_reader(1, 10_000)
-    pairs = read_pairs(text, "block=trials")
+    pairs = parse_name_value_pairs(text, "block=trials")
     return {block: read(count) for block, count in pairs.items()}
 
 
@@ -62,7 +62,7 @@ def _read_factors_by_condition(text: str) -> dict[str, float]:
 
         return compute_transmitted_energy_shares(text)
     read = make_quantity_reader("ratio")
-    pairs = read_pairs(text, "name=share")
+    pairs = parse_name_value_pairs(text, "name=share")
     return {condition: read(factor) for condition, factor in pairs.items()}
 
 
@@ -172,7 +172,7 @@ def _make_observer(
     )
 
 
-@command(app, "simulate", "study simulate study mine.toml --seed 7")
+@register_command(app, "simulate", "study simulate study mine.toml --seed 7")
 def simulate(
     *,
     folder: Folder,
@@ -219,7 +219,7 @@ def simulate(
     return Outcome(f"{place}: {number} simulated answers", record={"answers": number})
 
 
-@command(app, "power", "study power mine.toml --damping bare=1,soft=0.5 --seed 7")
+@register_command(app, "power", "study power mine.toml --damping bare=1,soft=0.5 --seed 7")
 def power(
     *,
     file: Blocks = None,
@@ -249,7 +249,7 @@ def power(
         typer.Option(
             "--probes",
             metavar="A,B,...",
-            parser=read_names,
+            parser=parse_names,
             help="conditions compared",
             show_default="those of --damping and --noisier",
         ),
@@ -342,7 +342,7 @@ def power(
     """Find the share of simulated studies that find a difference between conditions."""
     with open_shown_cluster(on, jobs, quiet=False) as cluster:
         table = stepblocks.study_power(
-            choose_source(file, heights),
+            choose_height_source(file, heights),
             output,
             seed=seed,
             jobs=jobs,
@@ -368,4 +368,4 @@ def power(
                 friction=friction,
             ),
         )
-    return Outcome("", {"power": list_rows(table)})
+    return Outcome("", {"power": list_rows_by_column_name(table)})

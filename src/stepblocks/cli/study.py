@@ -7,7 +7,7 @@ import typer
 
 import stepblocks
 from stepblocks.cli import simulate, study_heights
-from stepblocks.cli.command import Group, command
+from stepblocks.cli.command import Group, register_command
 from stepblocks.cli.options import (
     Blocks,
     Faces,
@@ -30,9 +30,9 @@ from stepblocks.cli.study_options import (
     Participants,
     Seed,
     StandardOption,
-    choose_source,
-    read_names,
-    read_pairs,
+    choose_height_source,
+    parse_name_value_pairs,
+    parse_names,
 )
 from stepblocks.errors import PipelineError
 from stepblocks.files.layout import UNDECLARED, TableLayout
@@ -58,7 +58,7 @@ class Scale(tuple[int, int]):
     """Lowest and highest rating, with a hyphen between them on the command line."""
 
 
-def _read_scale(text: str) -> Scale:
+def _parse_rating_scale(text: str) -> Scale:
     """Read the lowest and the highest rating, as ``LOW-HIGH``."""
     low, dash, high = text.partition("-")
     if not (
@@ -73,7 +73,7 @@ Probes = Annotated[
     typer.Option(
         "--probes",
         metavar="A,B,...",
-        parser=read_names,
+        parser=parse_names,
         help="conditions, such as kinds of probe",
         show_default="bare,hard,soft",
     ),
@@ -83,7 +83,7 @@ Ratings = Annotated[
     typer.Option(
         "--ratings",
         metavar="LOW-HIGH",
-        parser=_read_scale,
+        parser=_parse_rating_scale,
         help="scale of the ratings",
         show_default="1-7",
     ),
@@ -115,7 +115,7 @@ Covariate = Annotated[
 ]
 
 
-def _read_anchors(text: str) -> tuple[str, ...]:
+def _parse_rating_anchors(text: str) -> tuple[str, ...]:
     """Read what the lowest and the highest rating mean."""
     words = tuple(split_at_commas(text))
     if len(words) != 2:
@@ -123,7 +123,7 @@ def _read_anchors(text: str) -> tuple[str, ...]:
     return words
 
 
-def _read_factor(text: str) -> tuple[str, tuple[str, ...]]:
+def _parse_factor_levels(text: str) -> tuple[str, tuple[str, ...]]:
     """Read the name of a factor and its levels."""
     name, _, written_levels = text.partition("=")
     levels = tuple(split_at_commas(written_levels))
@@ -132,7 +132,7 @@ def _read_factor(text: str) -> tuple[str, tuple[str, ...]]:
     return name.strip(), levels
 
 
-@command(study, "design", "study design mine.toml --seed 7 -o study")
+@register_command(study, "design", "study design mine.toml --seed 7 -o study")
 def design(
     *,
     file: Blocks = None,
@@ -175,7 +175,7 @@ def design(
         typer.Option(
             "--prior",
             metavar="NAME=X,...",
-            parser=read_pairs,
+            parser=parse_name_value_pairs,
             help="what is known beforehand (adaptive): equal and weber are medians, equal_factor "
             "and weber_factor one standard deviation as a factor; precision ends a run",
             show_default="weber=0.2, weber_factor=2, equal=1, equal_factor=1.25",
@@ -186,7 +186,7 @@ def design(
         typer.Option(
             "--factor",
             metavar="NAME=A,B,...",
-            parser=_read_factor,
+            parser=_parse_factor_levels,
             help="a further factor and its levels, crossed with the others; of virtual blocks "
             "vibration, block, amplitude, frequency, decay or load",
         ),
@@ -196,7 +196,7 @@ def design(
         typer.Option(
             "--between",
             metavar="NAME,...",
-            parser=read_names,
+            parser=parse_names,
             help="factors of which each participant meets one level",
         ),
     ] = None,
@@ -221,7 +221,7 @@ def design(
         typer.Option(
             "--anchors",
             metavar="LOW,HIGH",
-            parser=_read_anchors,
+            parser=_parse_rating_anchors,
             help="what the lowest and the highest rating mean (virtual)",
             show_default="not at all real,completely real",
         ),
@@ -234,7 +234,7 @@ def design(
 ) -> Outcome:
     """Write design.csv with every trial, the key of the codes, and a preregistration."""
     plan = stepblocks.design_study(
-        choose_source(file, heights),
+        choose_height_source(file, heights),
         output,
         seed=seed,
         **keep_given_options(
@@ -268,7 +268,7 @@ def design(
     )
 
 
-@command(study, "sheet", "study sheet study")
+@register_command(study, "sheet", "study sheet study")
 def sheet(
     *,
     folder: Folder,
@@ -292,7 +292,7 @@ def sheet(
     )
 
 
-@command(study, "run", "study run study mine.toml --participant 1")
+@register_command(study, "run", "study run study mine.toml --participant 1")
 def run(
     *,
     folder: Folder,
@@ -370,12 +370,12 @@ def run(
     opened = stepblocks.open_run(folder, participant, file, **options)
     print(f"{opened.path}: {opened.answered} of {len(opened.planned)} trials are answered")
     summary = "all trials are answered"
-    if not _serve_run(opened, port, no_open):
+    if not _serve_run_page(opened, port, no_open):
         summary = "stopped; the same command goes on"
     return Outcome(summary, record={"answered": opened.answered, "of": len(opened.planned)})
 
 
-def _serve_run(run: PageRun, port: int, no_open: bool) -> bool:
+def _serve_run_page(run: PageRun, port: int, no_open: bool) -> bool:
     """Serve the page of a run until it is done; return False where it is stopped before."""
     from stepblocks.study.conduct.server import RunServer
 
@@ -401,7 +401,7 @@ def _train_participant(
     if training.now is None:
         training.close()
     else:
-        _serve_run(training, port, no_open)
+        _serve_run_page(training, port, no_open)
     days = training.summarise()
     for day in days:
         print(f"{day.date}: {day.right} of {day.trials} right, level {day.level:g} of {day.levels}")
@@ -411,7 +411,7 @@ def _train_participant(
     )
 
 
-@command(study, "analyse", "study analyse study study/answers.csv")
+@register_command(study, "analyse", "study analyse study study/answers.csv")
 def analyse(
     *,
     folder: Annotated[
@@ -435,7 +435,7 @@ def analyse(
         typer.Option(
             "--columns",
             metavar="OURS=YOURS,...",
-            parser=read_pairs,
+            parser=parse_name_value_pairs,
             help="your names of columns, such as trial=n,rating=score",
         ),
     ] = None,
@@ -528,7 +528,7 @@ def analyse(
     )
 
 
-@command(study, "share", "study share study study/answers.csv --as bids -o dataset")
+@register_command(study, "share", "study share study study/answers.csv --as bids -o dataset")
 def share(
     *,
     folder: Folder,

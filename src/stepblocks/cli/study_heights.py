@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 import stepblocks
-from stepblocks.cli.command import command
+from stepblocks.cli.command import register_command
 from stepblocks.cli.options import (
     Blocks,
     Only,
@@ -15,7 +15,12 @@ from stepblocks.cli.options import (
     make_whole_number_reader,
 )
 from stepblocks.cli.outcome import Outcome
-from stepblocks.cli.study_options import Heights, HeightsOption, choose_source, read_pairs
+from stepblocks.cli.study_options import (
+    Heights,
+    HeightsOption,
+    choose_height_source,
+    parse_name_value_pairs,
+)
 from stepblocks.errors import PipelineError
 
 if TYPE_CHECKING:
@@ -28,7 +33,7 @@ _EXPECTED = "What is expected"
 _COUNT = make_whole_number_reader(3, 10_000)
 
 
-@command(
+@register_command(
     app,
     "heights",
     "study heights --least '20 um' --most '90 um' --step '1 um' --target exponent",
@@ -83,7 +88,7 @@ def heights(
         typer.Option(
             "--prior",
             metavar="NAME=X,...",
-            parser=read_pairs,
+            parser=parse_name_value_pairs,
             help="of comparisons: equal and weber are medians, equal_factor and weber_factor one "
             "standard deviation as a factor, 1 for a certain value",
             show_default="weber=0.2, weber_factor=2, equal=1, equal_factor=1.25",
@@ -171,7 +176,7 @@ def heights(
 ) -> Outcome:
     """Find the heights and trials that make the interval of a threshold, JND or exponent narrow."""
     design = stepblocks.place_heights(
-        _choose_candidates(file, heights, least, most, step),
+        _choose_candidate_heights(file, heights, least, most, step),
         target,
         same_trials=same_trials,
         **keep_given_options(
@@ -197,7 +202,7 @@ def heights(
     return Outcome(summary, dict(tables), record=record)
 
 
-def _choose_candidates(
+def _choose_candidate_heights(
     file: Path | None,
     heights: Heights | None,
     least: str | None,
@@ -207,7 +212,7 @@ def _choose_candidates(
     """Return where the candidates come from, of which one must be given."""
     made = keep_given_options(least=least, most=most, step=step)
     if not made:
-        return choose_source(file, heights)
+        return choose_height_source(file, heights)
     if file is not None or heights is not None:
         raise PipelineError("--least, --most and --step take the place of FILE and --heights")
     from stepblocks.predict.set_design.route import MakingRoute

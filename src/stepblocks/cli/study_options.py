@@ -17,7 +17,7 @@ class Heights(tuple[float, ...]):
     """Heights [m], separated by commas on the command line."""
 
 
-def _read_heights(text: str) -> Heights:
+def _parse_heights(text: str) -> Heights:
     """Read heights in micrometres, or in the unit that each names."""
     read = make_quantity_reader("length")
     heights = []
@@ -34,7 +34,7 @@ class Names(tuple[str, ...]):
     """Names, separated by commas on the command line."""
 
 
-def read_names(text: str) -> Names:
+def parse_names(text: str) -> Names:
     """Read names separated by commas."""
     found = Names(split_at_commas(text))
     for name in found:
@@ -46,13 +46,13 @@ def read_names(text: str) -> Names:
     return found
 
 
-def read_pairs(text: str, form: str = "name=value") -> dict[str, str]:
+def parse_name_value_pairs(text: str, expected_form: str = "name=value") -> dict[str, str]:
     """Read name=value, separated by commas."""
     pairs = {}
     for part in split_at_commas(text):
         name, _, value = part.partition("=")
         if not name or not value:
-            raise ValueError(f"must be {form}, separated by commas, got {text!r:.60}")
+            raise ValueError(f"must be {expected_form}, separated by commas, got {text!r:.60}")
         pairs[name] = value
     return pairs
 
@@ -62,7 +62,7 @@ HeightsOption = Annotated[
     typer.Option(
         "--heights",
         metavar="H,H,...",
-        parser=_read_heights,
+        parser=_parse_heights,
         help="in place of a FILE: heights in micrometres, such as 20,40,60,80",
     ),
 ]
@@ -96,7 +96,7 @@ StandardOption = Annotated[
 ]
 
 
-def choose_source(file: Path | None, heights: Heights | None) -> Path | Heights:
+def choose_height_source(file: Path | None, heights: Heights | None) -> Path | Heights:
     """Return the stimulus file or the heights, of which one must be given."""
     if file is not None and heights is None:
         return file

@@ -50,12 +50,12 @@ def load_set(path: str | Path) -> StimulusSet:
     return validate_file_tables(raw, path, [])
 
 
-def validate_file_tables(raw: Document, path: Path, mistakes: list[Mistake]) -> StimulusSet:
+def validate_file_tables(tables: Document, path: Path, mistakes: list[Mistake]) -> StimulusSet:
     """Validate the tables of a stimulus file and return its set; the file need not exist yet.
 
     Parameters
     ----------
-    raw : dict
+    tables : dict
         Tables of the file; they are changed.
     path : Path
         The file; names of other files in it are relative to its folder.
@@ -67,11 +67,11 @@ def validate_file_tables(raw: Document, path: Path, mistakes: list[Mistake]) -> 
     StimulusError
         With all mistakes.
     """
-    schema = raw.pop("schema", SCHEMA)
+    schema = tables.pop("schema", SCHEMA)
     if schema != SCHEMA:
         mistakes.append(("", f"schema must be {SCHEMA}, got {shorten_value(schema)}"))
-    name = _choose_set_name(path, raw.pop("set", None), mistakes)
-    return make_set_from_tables(name, raw, path.parent, path, mistakes)
+    name = _choose_set_name(path, tables.pop("set", None), mistakes)
+    return make_set_from_tables(name, tables, path.parent, path, mistakes)
 
 
 def _choose_set_name(path: Path, declared: object, mistakes: list[Mistake]) -> str:

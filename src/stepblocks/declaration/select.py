@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stepblocks.errors import PipelineError
-from stepblocks.files.text import is_file, suggest_file
+from stepblocks.files.text import is_file, suggest_similar_file
 
 if TYPE_CHECKING:
     from stepblocks.declaration.set import StimulusSet
@@ -16,7 +16,7 @@ _DEFAULT_FOLDER = Path("stimuli")
 _LISTED_NAMES = 12  # in a message
 
 
-def find_stimulus_files(meant: str | Path | Sequence[str | Path] | None = None) -> list[Path]:
+def find_stimulus_files(sources: str | Path | Sequence[str | Path] | None = None) -> list[Path]:
     """Find the stimulus files that a user means: files, those of folders, or of ``stimuli``.
 
     Raises
@@ -24,18 +24,18 @@ def find_stimulus_files(meant: str | Path | Sequence[str | Path] | None = None) 
     PipelineError
         If a file or folder is missing, or two files have the same name.
     """
-    if isinstance(meant, str | Path):
-        meant = [meant]
+    if isinstance(sources, str | Path):
+        sources = [sources]
     files: list[Path] = []
-    for argument in map(Path, meant or ()):
+    for argument in map(Path, sources or ()):
         found = _list_stimulus_files(argument)
         if not found:
-            raise PipelineError(f"{_describe_missing(argument)} [{argument}]")
+            raise PipelineError(f"{_describe_missing_argument(argument)} [{argument}]")
         files += found
-    if not meant:
+    if not sources:
         files = _list_stimulus_files(_DEFAULT_FOLDER)
         if not files:
-            expected = _describe_expected(_DEFAULT_FOLDER)
+            expected = _describe_expected_argument(_DEFAULT_FOLDER)
             raise PipelineError(
                 f"expected {expected}; there is none here, name one as FILE [{_DEFAULT_FOLDER}]"
             )
@@ -55,26 +55,26 @@ def _list_stimulus_files(argument: Path) -> list[Path]:
     return files
 
 
-def _describe_expected(argument: Path) -> str:
+def _describe_expected_argument(argument: Path) -> str:
     """Say what an argument should be."""
     if argument.is_dir():
         return "a folder with stimulus files (*.toml)"
     return "a stimulus file or a folder of them"
 
 
-def _describe_missing(argument: Path) -> str:
+def _describe_missing_argument(argument: Path) -> str:
     """Say what an argument should be, and what may be meant or how to begin one."""
     new_file = argument
     if argument.is_dir():
         new_file = argument / "mine.toml"
-    suggestion = suggest_file(argument) or f"; 'stepblocks new block {new_file}' writes one"
-    return f"expected {_describe_expected(argument)}{suggestion}"
+    suggestion = suggest_similar_file(argument) or f"; 'stepblocks new block {new_file}' writes one"
+    return f"expected {_describe_expected_argument(argument)}{suggestion}"
 
 
-def matches_pattern(only: str, set_name: str, identity: str) -> bool:
+def matches_pattern(pattern: str, set_name: str, identity: str) -> bool:
     """Tell whether a pattern, ``step-02?`` or ``paper-*/step-02?``, means a stimulus."""
     # engraved identities are in capitals
-    set_pattern, slash, part_pattern = only.lower().rpartition("/")
+    set_pattern, slash, part_pattern = pattern.lower().rpartition("/")
     if slash and not fnmatch.fnmatchcase(set_name, set_pattern):
         return False
     return fnmatch.fnmatchcase(identity, part_pattern)

@@ -29,14 +29,14 @@ def merge_tables(defaults: Mapping[str, object], stanza: Mapping[str, object]) -
     merged: dict[str, object] = copy.deepcopy(dict(defaults))
     for key, value in stanza.items():
         default = merged.get(key)
-        if _is_table(default) and _is_table(value):
+        if _is_table_of_fields(default) and _is_table_of_fields(value):
             merged[key] = merge_tables(default, value)
         else:
             merged[key] = copy.deepcopy(value)
     return merged
 
 
-def _is_table(value: object) -> TypeGuard[dict[str, object]]:
+def _is_table_of_fields(value: object) -> TypeGuard[dict[str, object]]:
     """Tell whether a value is a table of fields, and no dimension."""
     return isinstance(value, dict) and not _NAMES_OF_DIMENSION & set(value)
 
@@ -60,7 +60,7 @@ def expand_series(stanza: Mapping[str, object]) -> Iterator[dict[str, object]]:
         If a series is malformed or too long.
     """
     values_by_path: dict[Keys, list[str]] = {}
-    for path, table in _find_series(stanza, ()):
+    for path, table in _yield_series(stanza, ()):
         values_by_path[path] = _list_series_values(path, table)
     count = math.prod(map(len, values_by_path.values()))
     if count > MAX_SERIES:
@@ -70,7 +70,7 @@ def expand_series(stanza: Mapping[str, object]) -> Iterator[dict[str, object]]:
         for path, nominal in zip(values_by_path, combination, strict=True):
             _set_nominal(member, path, nominal)
         if "id" in member:
-            member["id"] = _fill_identity(member)
+            member["id"] = _fill_identity_placeholders(member)
         yield member
 
 
@@ -87,7 +87,7 @@ def _set_nominal(stanza: dict[str, Any], path: Keys, nominal: str) -> None:
             table[key][name] = value
 
 
-def _find_series(
+def _yield_series(
     table: Mapping[str, object], path: Keys
 ) -> Iterator[tuple[Keys, dict[str, object]]]:
     """Yield the series in a table and the tables in it, each with its path."""
@@ -97,7 +97,7 @@ def _find_series(
         if "from" in value or "values" in value:
             yield (*path, key), value
         else:
-            yield from _find_series(value, (*path, key))
+            yield from _yield_series(value, (*path, key))
 
 
 def _list_series_values(path: Keys, table: Mapping[str, object]) -> list[str]:
@@ -141,7 +141,7 @@ def _list_stepped_values(name: str, table: Mapping[str, object]) -> list[str]:
     first = table["from"]
     last = table["to"]
     step = table["step"]
-    quantity = _guess_dimension(first)
+    quantity = _guess_length_or_angle(first)
     try:
         start = parse_quantity(first, quantity)
         stop = parse_quantity(last, quantity)
@@ -167,7 +167,7 @@ def _list_stepped_values(name: str, table: Mapping[str, object]) -> list[str]:
     return values
 
 
-def _guess_dimension(text: object) -> str:
+def _guess_length_or_angle(text: object) -> str:
     """Return ``"angle"`` for a quantity with a unit of angle, else ``"length"``."""
     if not _has_dimension(text, "length") and _has_dimension(text, "angle"):
         return "angle"
@@ -183,7 +183,7 @@ def _has_dimension(text: object, dimension: str) -> bool:
     return True
 
 
-def _fill_identity(stanza: Mapping[str, object]) -> object:
+def _fill_identity_placeholders(stanza: Mapping[str, object]) -> object:
     """Fill the placeholders of an identity, such as ``{height_um:03}``, from its stanza."""
     template = stanza.get("id")
     if not isinstance(template, str):
@@ -198,13 +198,13 @@ def _fill_identity(stanza: Mapping[str, object]) -> object:
                 f"id: {match[0]} must name a dimension of the stanza with its unit, such as "
                 "{height_um:03}"
             )
-        value = parse_quantity(nominal, _guess_dimension(nominal)) * _UNITS[match["unit"]]
-        return _format_placeholder(value, int(match["digits"] or 1))
+        value = parse_quantity(nominal, _guess_length_or_angle(nominal)) * _UNITS[match["unit"]]
+        return _format_placeholder_value(value, int(match["digits"] or 1))
 
     return _PLACEHOLDER.sub(fill_placeholder, template)
 
 
-def _format_placeholder(value: float, digits: int) -> str:
+def _format_placeholder_value(value: float, digits: int) -> str:
     """Write a number as an identity may hold it: ``m`` for minus, ``p`` for the decimal point."""
     text = f"{value:.9g}"
     sign = ""

@@ -14,7 +14,7 @@ from pydantic import FailFast, Field, InstanceOf, ValidationError, create_model,
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.contact.rod import RodRing
 from stepblocks.declaration.series import MAX_SERIES, expand_series, merge_tables
-from stepblocks.declaration.write import format_set
+from stepblocks.declaration.write import format_set_as_toml
 from stepblocks.errors import StepblocksError, StimulusError
 from stepblocks.files.atomic import replace_text
 from stepblocks.mistakes import (
@@ -187,7 +187,7 @@ class StimulusSet(Table):
         """
         if path is not None and not isinstance(path, str | Path):
             raise StimulusError(f"path must be that of a file, got {shorten_value(path)}")
-        text = format_set(self, self.name, self.stimuli)
+        text = format_set_as_toml(self, self.name, self.stimuli)
         if path is None:
             return text
         if Path(path).stem != self.name:
@@ -259,7 +259,7 @@ class StimulusSet(Table):
         return sentences
 
     @model_validator(mode="after")
-    def _complete_conditions(self) -> Self:
+    def _add_conditions_of_paper(self) -> Self:
         """Add tips and steps of the paper that parts need and a declaration leaves out."""
         additions: dict[str, tuple[float, ...]] = {}
         if not self.prediction.tip_radii and any(part.ball is None for part in self.stimuli):
@@ -272,13 +272,13 @@ class StimulusSet(Table):
         return self
 
     @make_rules_validator
-    def _check_parts_suit_the_conditions(self) -> Iterator[str]:
+    def _yield_set_breaches(self) -> Iterator[str]:
         """Yield what parts and conditions of the set lack for each other."""
         declared = [part.id for part in self.stimuli]
         for name in self.order.quantities:
             if name not in declared:
                 yield f"order.quantities must name parts of the set, got {name!r}"
-        for name in _list_repeats(declared):
+        for name in _list_repeated_names(declared):
             yield (
                 f"id must be unique in its set, got {name!r} twice; in a series it names what "
                 f"varies, such as '{name}-{{height_um:03}}'"
@@ -296,7 +296,7 @@ class StimulusSet(Table):
                 return
 
 
-def _list_repeats(names: Sequence[str]) -> list[str]:
+def _list_repeated_names(names: Sequence[str]) -> list[str]:
     """List names as often as they repeat an earlier one, by their first appearance."""
     repeated: list[str] = []
     for name, count in Counter(names).items():
@@ -348,7 +348,7 @@ def validate_set(declared: Mapping[str, object], origin: Origin = Origin.FILE) -
 
 def make_set_from_tables(
     name: str,
-    raw: dict[str, Any],
+    tables: dict[str, Any],
     folder: Path,
     place: object,
     mistakes: list[Mistake],
@@ -360,7 +360,7 @@ def make_set_from_tables(
     ----------
     name : str
         Name of the set.
-    raw : dict
+    tables : dict
         Tables of the file; its stanzas are replaced by what they stand for.
     folder : Path
         Where the files lie that stanzas name.
@@ -381,11 +381,11 @@ def make_set_from_tables(
     StimulusError
         With all mistakes: name, rule, value and place.
     """
-    _expand_kinds(raw, folder, mistakes)
-    total = sum(len(raw.get(kind, ())) for kind in list_kinds())
+    _expand_stanzas_of_kinds(tables, folder, mistakes)
+    total = sum(len(tables.get(kind, ())) for kind in list_kinds())
     if total > MAX_SERIES:
         raise StimulusError(f"a set must have at most {MAX_SERIES} stimuli, got {total} [{place}]")
-    declared = {"name": name, "title": name, **raw}
+    declared = {"name": name, "title": name, **tables}
     try:
         stimuli = validate_set(declared, origin)
     except ValidationError as error:
@@ -416,21 +416,21 @@ def _resolve_felt_tolerances(stimuli: StimulusSet, place: object) -> StimulusSet
     return stimuli.with_parts(parts)
 
 
-def _expand_kinds(raw: dict[str, Any], folder: Path, mistakes: list[Mistake]) -> None:
+def _expand_stanzas_of_kinds(tables: dict[str, Any], folder: Path, mistakes: list[Mistake]) -> None:
     """Replace the stanzas of each kind by what they stand for, at most one more than a set holds.
 
     Mistakes are added to the list.
     """
     known = list_kinds()
-    defaults = raw.pop("defaults", {})
+    defaults = tables.pop("defaults", {})
     if not isinstance(defaults, dict) or not set(defaults) <= set(known):
         rule = f"defaults must be tables named {', '.join(known)}"
         mistakes.append(("", f"{rule}, got {shorten_value(defaults)}"))
         defaults = {}
     for kind in known:
-        if kind in raw:
-            stanzas = _expand_stanzas(kind, raw[kind], defaults.get(kind, {}), mistakes, folder)
-            raw[kind] = list(islice(stanzas, MAX_SERIES + 1))
+        if kind in tables:
+            stanzas = _expand_stanzas(kind, tables[kind], defaults.get(kind, {}), mistakes, folder)
+            tables[kind] = list(islice(stanzas, MAX_SERIES + 1))
 
 
 def _locate_stanza(declared: Mapping[str, Any], location: Location) -> tuple[str, Location]:
@@ -444,10 +444,10 @@ def _locate_stanza(declared: Mapping[str, Any], location: Location) -> tuple[str
     stanza: Part | Mapping[str, object] = {}
     if number < len(stanzas):  # there is none where the name of the kind was corrected
         stanza = stanzas[number]
-    return f"{kind} {shorten_value(_name_stanza(stanza, number + 1))}", tuple(inner)
+    return f"{kind} {shorten_value(_get_stanza_identity(stanza, number + 1))}", tuple(inner)
 
 
-def _name_stanza(stanza: Part | Mapping[str, object], otherwise: object) -> object:
+def _get_stanza_identity(stanza: Part | Mapping[str, object], otherwise: object) -> object:
     """Return the identity of a stanza, or what stands for it where it has none."""
     if isinstance(stanza, Part):
         return stanza.id
@@ -455,20 +455,22 @@ def _name_stanza(stanza: Part | Mapping[str, object], otherwise: object) -> obje
 
 
 def _expand_stanzas(
-    kind: str, raw: object, defaults: object, mistakes: list[Mistake], folder: Path
+    kind: str, raw_stanzas: object, defaults: object, mistakes: list[Mistake], folder: Path
 ) -> Iterator[Part | Mapping[str, object]]:
     """Expand the stanzas of a kind; those that cannot be are among the mistakes."""
-    if not _are_stanzas(raw):
-        mistakes.append(("", f"{kind} must be written as [[{kind}]], got {shorten_value(raw)}"))
+    if not _are_stanzas(raw_stanzas):
+        mistakes.append(
+            ("", f"{kind} must be written as [[{kind}]], got {shorten_value(raw_stanzas)}")
+        )
         return
     if not isinstance(defaults, dict):
         mistakes.append(("", f"defaults.{kind} must be a table, got {shorten_value(defaults)}"))
         return
-    for number, stanza in enumerate(raw, start=1):
+    for number, stanza in enumerate(raw_stanzas, start=1):
         if isinstance(stanza, Part):
             yield stanza
             continue
-        place = f"{kind} {shorten_value(_name_stanza(stanza, f'number {number}'))}"
+        place = f"{kind} {shorten_value(_get_stanza_identity(stanza, f'number {number}'))}"
         try:
             for member in expand_series(merge_tables(defaults, stanza)):
                 yield from list_kinds()[kind].expand_stanza(member, folder)

@@ -11,7 +11,7 @@ from stepblocks.drag.ring import (
     compute_phase_spectrum,
 )
 from stepblocks.drag.simulate import DragTrace
-from stepblocks.files.figures import Axes, make_figure, save_figure
+from stepblocks.files.figures import Axes, make_figure_and_axes, save_figure
 
 _LABELS = {"fx_n": "tangential $F_x$ [N]", "fy_n": "normal $F_y$ [N]"}
 _BANDS = {Phase.LOADING: LOADING_BAND, Phase.VIBRATION: RING_BAND}
@@ -37,7 +37,7 @@ def plot_force(trace: DragTrace, axes: "Axes", channel: str = "fx_n") -> "Axes":
 
 def draw_forces(trace: DragTrace, path: Path, title: str) -> None:
     """Draw both forces against time, as figure 3 of the paper does, and mark the release."""
-    figure, axes = make_figure(2, 1, sharex=True, height=4.6)
+    figure, axes = make_figure_and_axes(2, 1, sharex=True, height=4.6)
     for axis, name in zip(axes, ("fx_n", "fy_n"), strict=True):
         plot_force(trace, axis, name)
     if trace.status is Status.RELEASES:
@@ -58,7 +58,7 @@ def draw_forces(trace: DragTrace, path: Path, title: str) -> None:
 
 def draw_spectra(trace: DragTrace, path: Path, title: str) -> None:
     """Draw the spectra of both forces while loading and vibrating, as figures 4 and 5 do."""
-    figure, axes = make_figure(2, 2, sharex=True, height=5.0)
+    figure, axes = make_figure_and_axes(2, 2, sharex=True, height=5.0)
     for row, (channel, label) in zip(axes, (("fx_n", "$F_x$"), ("fy_n", "$F_y$")), strict=True):
         _draw_spectrum(row[0], trace, Phase.LOADING, channel, label)
         _draw_spectrum(row[1], trace, Phase.VIBRATION, channel, label)

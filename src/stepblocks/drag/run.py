@@ -26,7 +26,7 @@ from stepblocks.drag.result import DragResult
 from stepblocks.drag.subject import resolve_subject
 from stepblocks.errors import ContactError, PipelineError
 from stepblocks.files.atomic import replace_text
-from stepblocks.files.figures import Axes, take_axes
+from stepblocks.files.figures import Axes, get_or_make_axes
 from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.files.tables import write_table
 from stepblocks.parts.kind import Part
@@ -140,7 +140,7 @@ class Drag(DragResult):
         -------
         matplotlib.axes.Axes
         """
-        axes = plot_force(self.trace, take_axes(ax))
+        axes = plot_force(self.trace, get_or_make_axes(ax))
         axes.set_xlabel("time [ms]")
         axes.set_title(self.title, fontsize=10)
         return axes

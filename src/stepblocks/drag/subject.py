@@ -11,7 +11,7 @@ from stepblocks.declaration.read import Sets, load_sets
 from stepblocks.declaration.select import matches_pattern
 from stepblocks.declaration.set import StimulusSet, choose_operating_point
 from stepblocks.errors import ContactError, PipelineError, QuantityError
-from stepblocks.files.layout import UNDECLARED, TableLayout, refuse_layout
+from stepblocks.files.layout import UNDECLARED, TableLayout, refuse_declared_layout
 from stepblocks.files.tables import load_table, read_si_columns, warn_of_notes
 from stepblocks.files.text import escape_file_name
 from stepblocks.parts.kind import Part
@@ -57,7 +57,7 @@ def resolve_subject(
     if suffix not in ("", ".toml") and path.is_file():  # of an instrument
         face = convert_to_counterface(load_scan(path, layout=layout))
         return _make_surface_subject(escape_file_name(path.name), face, values, f"[{path}]")
-    refuse_layout(layout, "a step or a declared stimulus", PipelineError)
+    refuse_declared_layout(layout, "a step or a declared stimulus", PipelineError)
     try:
         height = parse_quantity(str(subject), "length")
     except QuantityError:

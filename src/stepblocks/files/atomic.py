@@ -129,7 +129,7 @@ def make_draft_folder(path: Path) -> Iterator[Path]:
         path.parent.mkdir(parents=True, exist_ok=True)
         _remove_stale_drafts_once(path.parent)
         with ExitStack() as held:
-            yield _make_draft(path.parent, held)
+            yield _make_locked_draft_folder(path.parent, held)
     except OSError as error:
         place = _find_refused_place(error, path)
         reason = describe_system_error(error, place)
@@ -141,12 +141,12 @@ def make_draft_folder(path: Path) -> Iterator[Path]:
 def _find_refused_place(error: OSError, path: Path) -> Path:
     """Return the place that an error is about, which is never one within a draft."""
     named = Path(str(error.filename2 or error.filename or path))
-    if _find_draft_place(named) != named:
+    if _find_folder_of_draft(named) != named:
         named = path
-    return _find_draft_place(named)
+    return _find_folder_of_draft(named)
 
 
-def _find_draft_place(path: Path) -> Path:
+def _find_folder_of_draft(path: Path) -> Path:
     """Return the folder in which the draft stands that holds a path; else the path itself."""
     for number, part in enumerate(path.parts):
         if part.startswith(_DRAFT_PREFIX):
@@ -154,7 +154,7 @@ def _find_draft_place(path: Path) -> Path:
     return path
 
 
-def _make_draft(folder: Path, held: ExitStack) -> Path:
+def _make_locked_draft_folder(folder: Path, held: ExitStack) -> Path:
     """Make a folder for drafts that is locked while its process lives, until `held` is closed.
 
     The lock tells the next run which drafts were left behind.

@@ -70,13 +70,13 @@ def read_in_this_process() -> Iterator[None]:
 
 
 def read_confined(
-    function: str, path: Path, *arguments: object, raises: type[Exception]
+    reader_function: str, path: Path, *arguments: object, raises: type[Exception]
 ) -> Document:
     """Call a reader with a path in a process of its own.
 
     Parameters
     ----------
-    function : str
+    reader_function : str
         The reader, ``module:function``. It takes the path and the arguments, and returns a dict of
         arrays and values of JSON.
     path : Path
@@ -93,7 +93,7 @@ def read_confined(
         What the reader returns.
     """
     request = {
-        "function": function,
+        "function": reader_function,
         "arguments": [os.path.abspath(path), *arguments],  # noqa: PTH100  a link stays one
     }
     try:
@@ -101,7 +101,7 @@ def read_confined(
         if _reads_own_files.get():
             answer = _answer_request(request)
         else:
-            answer = _get_reader(os.getpid()).call(request, seconds)
+            answer = _get_reader_process(os.getpid()).send_request(request, seconds)
     except OSError as error:
         reason = describe_system_error(error, path)
         raise raises(f"file cannot be read: {reason} [{path.name}]") from error
@@ -113,7 +113,7 @@ def read_confined(
     return dict(answer.values)
 
 
-class _Reader:
+class _ReaderProcess:
     """The process that reads, started when it is needed and again when it has died."""
 
     def __init__(self) -> None:
@@ -121,7 +121,7 @@ class _Reader:
         self._one_at_a_time = threading.Lock()
         atexit.register(self.close)
 
-    def call(self, request: Mapping[str, object], seconds: float) -> _Answer:
+    def send_request(self, request: Mapping[str, object], seconds: float) -> _Answer:
         """Send a request to the process and return its answer, within a limit of CPU time [s]."""
         with self._one_at_a_time:
             process = self._start_process()
@@ -131,7 +131,7 @@ class _Reader:
                     return _receive_answer(process)
                 except (EOFError, BrokenPipeError):
                     code = self.close(_GRACE)
-                    return _Answer(refusal=_explain_end(code, watch.breach, seconds))
+                    return _Answer(refusal=_explain_early_end(code, watch.breach, seconds))
                 except BaseException:
                     self.close()
                     raise
@@ -172,12 +172,12 @@ class _Reader:
 
 
 @cache
-def _get_reader(_pid: int) -> _Reader:
+def _get_reader_process(_pid: int) -> _ReaderProcess:
     """Return the reader of a process: one that was forked must not share its parent's."""
-    return _Reader()
+    return _ReaderProcess()
 
 
-def _explain_end(code: int | None, breach: Breach | None, seconds: float) -> str:
+def _explain_early_end(code: int | None, breach: Breach | None, seconds: float) -> str:
     """Say why a reader ended before it had answered."""
     if breach is Breach.MEMORY:
         return _MEMORY_RULE
@@ -200,22 +200,22 @@ def _send_request(process: subprocess.Popen[bytes], request: Mapping[str, object
 def _receive_answer(process: subprocess.Popen[bytes]) -> _Answer:
     """Read what a reader answers: a length, JSON, and the bytes of the arrays that it names."""
     assert isinstance(process.stdout, BufferedReader)
-    head_size = int.from_bytes(_receive(process.stdout, _SIZE_BYTES), "little")
-    head = json.loads(_receive(process.stdout, head_size, _LARGEST_ANSWER))
+    head_size = int.from_bytes(_receive_bytes(process.stdout, _SIZE_BYTES), "little")
+    head = json.loads(_receive_bytes(process.stdout, head_size, _LARGEST_ANSWER))
     values = head["values"]
     for name, dtype, shape in head["arrays"]:
         size = np.dtype(dtype).itemsize * int(np.prod(shape))
-        content = _receive(process.stdout, size)
+        content = _receive_bytes(process.stdout, size)
         values[name] = np.frombuffer(content, dtype).reshape(shape)
     return _Answer(values, head["refused"], head["ours"])
 
 
-def _receive(stream: BufferedReader, count: int, most: int = MEMORY) -> bytearray:
+def _receive_bytes(stream: BufferedReader, byte_count: int, most_bytes: int = MEMORY) -> bytearray:
     """Read so many bytes of an answer, or raise EOFError."""
-    if count > most:
+    if byte_count > most_bytes:
         raise EOFError
-    content = bytearray(count)
-    if stream.readinto(content) < count:
+    content = bytearray(byte_count)
+    if stream.readinto(content) < byte_count:
         raise EOFError
     return content
 

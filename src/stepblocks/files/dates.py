@@ -95,7 +95,7 @@ def holds_dates(texts: Sequence[str]) -> bool:
     return dates > _USUAL_SHARE * len(filled)
 
 
-def read_dates(texts: Sequence[str], name: str) -> DateColumn:
+def read_dates(texts: Sequence[str], column_name: str) -> DateColumn:
     """Read a column of dates.
 
     Parameters
@@ -103,7 +103,7 @@ def read_dates(texts: Sequence[str], name: str) -> DateColumn:
     texts : sequence of str
         Cells: ISO 8601, day, month and year (or month, day and year) with dots, slashes or dashes,
         a month by its English name, or a time of day alone.
-    name : str
+    column_name : str
         Of the column, for messages.
 
     Returns
@@ -116,16 +116,21 @@ def read_dates(texts: Sequence[str], name: str) -> DateColumn:
     DateError
         If a cell is no date, only some have an offset, or the order of day and month is open.
     """
-    written = _parse_dates(texts, name)
+    written = _parse_dates(texts, column_name)
     known = [row for row, date in enumerate(written) if date is not None]
     if not known:
-        raise DateError(f"{name} must hold dates, got none")
-    _refuse_partial_offsets(written, name)
-    orders = _find_orders(written, texts, name)
-    seconds = _convert_dates(written, orders[0], texts, name)
+        raise DateError(f"{column_name} must hold dates, got none")
+    _refuse_partial_offsets(written, column_name)
+    orders = _find_possible_orders(written, texts, column_name)
+    seconds = _convert_dates_to_seconds(written, orders[0], texts, column_name)
     if len(orders) > 1:
-        _refuse_open_order(seconds, _convert_dates(written, orders[1], texts, name), name, texts)
-    notes = _describe_column(written, seconds, orders, texts, name)
+        _refuse_open_order(
+            seconds,
+            _convert_dates_to_seconds(written, orders[1], texts, column_name),
+            column_name,
+            texts,
+        )
+    notes = _describe_date_column(written, seconds, orders, texts, column_name)
     first = written[known[0]]
     assert first is not None
     return DateColumn(seconds, _find_written_order(first, orders[0]), notes)
@@ -151,7 +156,7 @@ def _parse_date(text: str) -> _Written | None:
     return None
 
 
-def _parse_dates(texts: Sequence[str], name: str) -> list[_Written | None]:
+def _parse_dates(texts: Sequence[str], column_name: str) -> list[_Written | None]:
     """Return the parts of each date, None for a cell without one; refuse what is neither."""
     written: list[_Written | None] = []
     for row, text in enumerate(texts):
@@ -161,13 +166,14 @@ def _parse_dates(texts: Sequence[str], name: str) -> list[_Written | None]:
         date = _parse_date(text)
         if date is None:
             raise DateError(
-                f"{name} must be a date such as 2026-11-08 09:30, got {shorten_value(text)}", row
+                f"{column_name} must be a date such as 2026-11-08 09:30, got {shorten_value(text)}",
+                row,
             )
         written.append(date)
     return written
 
 
-def _refuse_partial_offsets(written: Sequence[_Written | None], name: str) -> None:
+def _refuse_partial_offsets(written: Sequence[_Written | None], column_name: str) -> None:
     """Refuse a column in which only some times have an offset from UTC."""
     local = None
     fixed = None
@@ -179,11 +185,13 @@ def _refuse_partial_offsets(written: Sequence[_Written | None], name: str) -> No
         else:
             local = row
     if local is not None and fixed is not None:
-        raise DateError(f"{name} must have an offset from UTC in all its times, or in none", local)
+        raise DateError(
+            f"{column_name} must have an offset from UTC in all its times, or in none", local
+        )
 
 
-def _find_orders(
-    written: Sequence[_Written | None], texts: Sequence[str], name: str
+def _find_possible_orders(
+    written: Sequence[_Written | None], texts: Sequence[str], column_name: str
 ) -> list[DateOrder]:
     """Return the orders that all open dates of a column allow, day first before month first."""
     above_as_first: int | None = None
@@ -201,8 +209,8 @@ def _find_orders(
         return [DateOrder.DAY_FIRST]
     if above_as_first is not None and above_as_second is not None:
         raise DateError(
-            f"{name} must have one order of day and month, got {texts[above_as_first]!r} and "
-            f"{texts[above_as_second]!r}",
+            f"{column_name} must have one order of day and month, got "
+            f"{texts[above_as_first]!r} and {texts[above_as_second]!r}",
             above_as_second,
         )
     if above_as_first is not None:
@@ -212,8 +220,8 @@ def _find_orders(
     return [DateOrder.DAY_FIRST, DateOrder.MONTH_FIRST]
 
 
-def _convert_dates(
-    written: Sequence[_Written | None], order: DateOrder, texts: Sequence[str], name: str
+def _convert_dates_to_seconds(
+    written: Sequence[_Written | None], order: DateOrder, texts: Sequence[str], column_name: str
 ) -> NDArray[np.float64]:
     """Return each date in seconds since the beginning of 1970; NaN where there is none."""
     seconds = np.full(len(written), np.nan)
@@ -221,15 +229,15 @@ def _convert_dates(
         if date is None:
             continue
         try:
-            seconds[row] = _convert_to_seconds(date, order)
+            seconds[row] = _convert_date_to_seconds(date, order)
         except ValueError as error:
             raise DateError(
-                f"{name} must be a date of the calendar, got {texts[row]!r}: {error}", row
+                f"{column_name} must be a date of the calendar, got {texts[row]!r}: {error}", row
             ) from error
     return seconds
 
 
-def _convert_to_seconds(date: _Written, order: DateOrder) -> float:
+def _convert_date_to_seconds(date: _Written, order: DateOrder) -> float:
     """Return a date in seconds since the beginning of 1970."""
     parts = date.parts
     day = _NO_DATE
@@ -251,20 +259,20 @@ def _convert_to_seconds(date: _Written, order: DateOrder) -> float:
     return moment.timestamp() + float(f"0.{fraction}") - _parse_utc_offset(parts.get("offset", ""))
 
 
-def _make_day(parts: dict[str, str], order: DateOrder) -> datetime.date:
+def _make_day(date_parts: dict[str, str], order: DateOrder) -> datetime.date:
     """Return the day that a date names, its open parts in an order."""
-    year = int(parts["year"])
-    if len(parts["year"]) == 2:
+    year = int(date_parts["year"])
+    if len(date_parts["year"]) == 2:
         year += 2000
     if not _FIRST_YEAR <= year <= _LAST_YEAR:
         raise ValueError(f"year must lie between {_FIRST_YEAR} and {_LAST_YEAR}")
-    if "word" in parts:
-        month = _MONTHS.index(parts["word"][:3].lower()) + 1
-        return datetime.date(year, month, int(parts["day"]))
-    if "first" not in parts:
-        return datetime.date(year, int(parts["month"]), int(parts["day"]))
-    first, second = int(parts["first"]), int(parts["second_part"])
-    if order is DateOrder.MONTH_FIRST and parts["mark"] != ".":
+    if "word" in date_parts:
+        month = _MONTHS.index(date_parts["word"][:3].lower()) + 1
+        return datetime.date(year, month, int(date_parts["day"]))
+    if "first" not in date_parts:
+        return datetime.date(year, int(date_parts["month"]), int(date_parts["day"]))
+    first, second = int(date_parts["first"]), int(date_parts["second_part"])
+    if order is DateOrder.MONTH_FIRST and date_parts["mark"] != ".":
         return datetime.date(year, first, second)
     return datetime.date(year, second, first)
 
@@ -282,7 +290,7 @@ def _parse_utc_offset(text: str) -> float:
 def _refuse_open_order(
     day_first: NDArray[np.float64],
     month_first: NDArray[np.float64],
-    name: str,
+    column_name: str,
     texts: Sequence[str],
 ) -> None:
     """Refuse dates that may be read in two orders, unless both put them equally far apart."""
@@ -292,37 +300,38 @@ def _refuse_open_order(
         return
     row = int(np.flatnonzero(np.isfinite(shift))[0])
     raise DateError(
-        f"{name} must tell day from month, {texts[row]!r} may be either; write it as "
+        f"{column_name} must tell day from month, {texts[row]!r} may be either; write it as "
         "2026-11-08, or with dots as 08.11.2026",
         row,
     )
 
 
-def _describe_column(
+def _describe_date_column(
     written: Sequence[_Written | None],
     seconds: NDArray[np.float64],
     orders: Sequence[DateOrder],
     texts: Sequence[str],
-    name: str,
+    column_name: str,
 ) -> tuple[str, ...]:
     """Say what was found out about a column of dates."""
     notes = []
     dates = [date for date in written if date is not None]
     if any(date.is_open for date in dates) and len(orders) == 1:
-        notes.append(f"dates in {name!r} are {orders[0].value}")
+        notes.append(f"dates in {column_name!r} are {orders[0].value}")
     offsets = {date.parts["offset"] for date in dates if date.has_offset}
     if len(offsets) > 1:
-        notes.append(f"times in {name!r} have several offsets and are compared in UTC")
-    back = _find_step_back(seconds)
+        notes.append(f"times in {column_name!r} have several offsets and are compared in UTC")
+    back = _find_row_running_back(seconds)
     if back is not None and not offsets:
         notes.append(
-            f"times in {name!r} run back at row {back + 1} ({texts[back]}): where that is the end "
-            "of summer time, what follows is an hour later than it reads; state offsets from UTC"
+            f"times in {column_name!r} run back at row {back + 1} ({texts[back]}): where that is "
+            "the end of summer time, what follows is an hour later than it reads; state offsets "
+            "from UTC"
         )
     return tuple(notes)
 
 
-def _find_step_back(seconds: NDArray[np.float64]) -> int | None:
+def _find_row_running_back(seconds: NDArray[np.float64]) -> int | None:
     """Return the first row whose time lies before that of the row above it.
 
     It is None where most rows run back: such a table is not in the order of time.

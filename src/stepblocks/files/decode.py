@@ -13,7 +13,7 @@ __all__ = [
     "DecodedText",
     "decode_text",
     "decode_unicode",
-    "find_encoding_name",
+    "normalise_encoding_name",
     "strip_byte_order_mark",
 ]
 
@@ -58,7 +58,7 @@ class DecodedText:
     note: str = ""
 
 
-def find_encoding_name(name: str) -> str:
+def normalise_encoding_name(name: str) -> str:
     """Return Python's name of an encoding; raise a ValueError if it is not one of text."""
     try:
         known = codecs.lookup(name).name
@@ -84,7 +84,8 @@ def decode_text(
     raises : type of StepblocksError
         Raised where the bytes are no text of the encoding.
     encoding : str, optional
-        What the file is declared to be, as `find_encoding_name` returns it; by default it is found.
+        What the file is declared to be, as `normalise_encoding_name` returns it; by default it is
+        found.
 
     Returns
     -------

@@ -19,9 +19,9 @@ __all__ = [
     "Dialect",
     "count_cells",
     "find_dialect",
-    "find_quote",
+    "find_quotation_mark",
     "is_number_in_any_notation",
-    "list_first_lines",
+    "list_first_row_lines",
     "split_records",
 ]
 
@@ -56,7 +56,7 @@ class Dialect:
         """What separates the cells, in words."""
         return _NAMES.get(self.separator, repr(self.separator))
 
-    def split(self, text: str) -> Iterator[Record]:
+    def split_rows(self, text: str) -> Iterator[Record]:
         """Yield the rows of a text.
 
         Raises
@@ -115,8 +115,8 @@ def find_dialect(text: str, separator: str | None = None) -> Dialect:
     Dialect
         The one in which most rows have as many cells as the first, and most cells are numbers.
     """
-    lines = list_first_lines(text)
-    quote = find_quote(lines)
+    lines = list_first_row_lines(text)
+    quote = find_quotation_mark(lines)
     if separator is not None:
         return Dialect(separator, quote)
     declared = _DECLARED_SEPARATOR.fullmatch(text.partition("\n")[0])
@@ -146,7 +146,7 @@ def split_records(text: str, dialect: Dialect) -> tuple[list[Record], list[Recor
     """
     records: list[Record] = []
     comments: list[Record] = []
-    for record in dialect.split(text):
+    for record in dialect.split_rows(text):
         if record.is_empty:
             continue
         first = record.cells[0]
@@ -166,7 +166,7 @@ def is_number_in_any_notation(cell: str) -> bool:
         return True
     for notation in _NOTATIONS:
         try:
-            notation.parse(cell)
+            notation.parse_number(cell)
         except ValueError:
             continue
         return True
@@ -179,7 +179,7 @@ def _is_separator_line(record: Record, dialect: Dialect) -> bool:
     return written == "sep=" or written == f"sep={dialect.separator}"
 
 
-def list_first_lines(text: str) -> list[str]:
+def list_first_row_lines(text: str) -> list[str]:
     """Return the first lines of a text that hold a row."""
     lines = []
     for line in io.StringIO(text, newline=None):
@@ -191,7 +191,7 @@ def list_first_lines(text: str) -> list[str]:
     return lines
 
 
-def find_quote(lines: Sequence[str]) -> str:
+def find_quotation_mark(lines: Sequence[str]) -> str:
     """Return the quotation mark of lines: single ones only where they begin most of them."""
     if not lines:
         return '"'
@@ -205,7 +205,7 @@ def _rate_dialect(dialect: Dialect, sample: str) -> tuple[float, float, int]:
     The third figure is the number of columns. Only a table of two columns or more is rated.
     """
     try:
-        records = [record for record in dialect.split(sample) if not record.is_empty]
+        records = [record for record in dialect.split_rows(sample) if not record.is_empty]
     except csv.Error:
         records = _split_without_last_lines(dialect, sample)
     if not records:
@@ -222,12 +222,12 @@ def _rate_dialect(dialect: Dialect, sample: str) -> tuple[float, float, int]:
     return fitting / len(records), _compute_number_share(below), columns
 
 
-def _count_fitting_rows(records: Sequence[Record], columns: int) -> int:
+def _count_fitting_rows(records: Sequence[Record], column_count: int) -> int:
     """Count the rows with as many cells as the first, with or without the empty ones at the end."""
     width = len(records[0].cells)
     fitting = 0
     for record in records:
-        if count_cells(record.cells) == columns or len(record.cells) == width:
+        if count_cells(record.cells) == column_count or len(record.cells) == width:
             fitting += 1
     return fitting
 
@@ -236,7 +236,7 @@ def _split_without_last_lines(dialect: Dialect, sample: str) -> list[Record]:
     """Split a sample that ends within a quoted cell, up to the row before that cell."""
     records = []
     try:
-        for record in dialect.split(sample):
+        for record in dialect.split_rows(sample):
             if not record.is_empty:
                 records.append(record)
     except csv.Error:

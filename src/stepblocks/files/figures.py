@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 Axes: TypeAlias = "matplotlib.axes.Axes"  # by its name: matplotlib is loaded when it draws
 
 
-def make_figure(
+def make_figure_and_axes(
     rows: int = 1,
     columns: int = 1,
     *,
@@ -33,7 +33,7 @@ def make_figure(
     return figure, axes
 
 
-def take_axes(ax: "Axes | None") -> "Axes":
+def get_or_make_axes(ax: "Axes | None") -> "Axes":
     """Return the axes that were given, or new ones, which a notebook shows by itself."""
     if ax is None:
         from matplotlib import pyplot

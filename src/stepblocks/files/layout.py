@@ -6,14 +6,14 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from stepblocks.errors import StepblocksError, UsageError
-from stepblocks.files.decode import find_encoding_name
+from stepblocks.files.decode import normalise_encoding_name
 
 __all__ = [
     "UNDECLARED",
     "MissingValues",
     "TableLayout",
-    "read_missing_value",
-    "refuse_layout",
+    "parse_missing_value",
+    "refuse_declared_layout",
 ]
 
 _DECIMAL_SIGNS = (".", ",")
@@ -90,16 +90,18 @@ class TableLayout:
 UNDECLARED = TableLayout()  # nothing is declared
 
 
-def refuse_layout(layout: TableLayout, what: str, raises: type[StepblocksError]) -> None:
+def refuse_declared_layout(
+    layout: TableLayout, source_kind: str, raises: type[StepblocksError]
+) -> None:
     """Refuse what is declared of a text for something that is none, and raise as `raises` says."""
     if layout != UNDECLARED:
         raise raises(
             "encoding, separator, decimal sign and missing values are declared of a text, and must "
-            f"not be given for {what}"
+            f"not be given for {source_kind}"
         )
 
 
-def read_missing_value(text: str) -> float | str:
+def parse_missing_value(text: str) -> float | str:
     """Read a value that a user names as missing: a number where it is one, else a word.
 
     Raises
@@ -122,7 +124,7 @@ def read_missing_value(text: str) -> float | str:
 def _normalise_encoding(name: str) -> str:
     """Return Python's name of an encoding; refuse one that is not of text."""
     try:
-        return find_encoding_name(name)
+        return normalise_encoding_name(name)
     except (ValueError, TypeError) as error:
         raise UsageError(str(error)) from error
 
@@ -134,7 +136,7 @@ def _normalise_missing(values: Sequence[float | str]) -> tuple[float | str, ...]
     checked: list[float | str] = []
     for value in values:
         try:
-            checked.append(read_missing_value(str(value)))
+            checked.append(parse_missing_value(str(value)))
         except ValueError as error:
             raise UsageError(f"missing {error}, got {value!r:.60}") from error
     return tuple(dict.fromkeys(checked))

@@ -27,7 +27,7 @@ class Breach(Enum):
     MEMORY = "memory"
 
 
-def kernel_limits_processes() -> bool:
+def can_kernel_limit_processes() -> bool:
     """Tell whether the kernel limits the memory and processor time of a process when asked.
 
     Windows has no such call, and macOS accepts a limit on memory without holding it.
@@ -47,7 +47,7 @@ def limit_this_process(seconds: float) -> None:
 
     A lower limit of the user's own stays.
     """
-    if sys.platform != "win32" and kernel_limits_processes():
+    if sys.platform != "win32" and can_kernel_limit_processes():
         import resource
 
         used = resource.getrusage(resource.RUSAGE_SELF)
@@ -63,10 +63,10 @@ def limit_this_process(seconds: float) -> None:
             resource.setrlimit(kind, (soft, hard))
 
 
-def ran_out_of_time(code: int | None) -> bool:
+def ran_out_of_time(exit_code: int | None) -> bool:
     """Tell whether a process ended with this code because the kernel's limit on time was over."""
     if sys.platform != "win32":
-        return code == -signal.SIGXCPU
+        return exit_code == -signal.SIGXCPU
     else:
         return False
 
@@ -98,7 +98,7 @@ class Watch:
         self._deadline = time.monotonic() + wall_seconds
         self._stopped = threading.Event()
         watch: Callable[[], None] = self._wait_for_deadline
-        if not kernel_limits_processes():
+        if not can_kernel_limit_processes():
             import psutil  # here, since who imports it in the thread fails unseen
 
             seen = psutil.Process(process.pid)
@@ -116,24 +116,24 @@ class Watch:
     def _wait_for_deadline(self) -> None:
         """End the process when the time is over; the kernel sees to all else."""
         if not self._stopped.wait(max(self._deadline - time.monotonic(), 0.0)):
-            self._end(Breach.TIME)
+            self._kill_process(Breach.TIME)
 
-    def _watch_usage(self, seen: "psutil.Process", computed_before: float) -> None:
+    def _watch_usage(self, process: "psutil.Process", cpu_seconds_before: float) -> None:
         """End the process when it has used too much time or memory, or hides what it uses."""
         try:
             while not self._stopped.wait(_LOOK_EVERY):
-                computed = _sum_processor_time(seen) - computed_before
+                computed = _sum_processor_time(process) - cpu_seconds_before
                 is_late = time.monotonic() > self._deadline
                 if is_late or computed > self._processor_seconds:
-                    self._end(Breach.TIME)
+                    self._kill_process(Breach.TIME)
                     return
-                if seen.memory_info().rss > MEMORY:
-                    self._end(Breach.MEMORY)
+                if process.memory_info().rss > MEMORY:
+                    self._kill_process(Breach.MEMORY)
                     return
         except Exception:  # it has ended, or the system does not tell
             self._process.kill()
 
-    def _end(self, breach: Breach) -> None:
+    def _kill_process(self, breach: Breach) -> None:
         """Note what limit was breached, and kill the process."""
         self.breach = breach
         self._process.kill()

@@ -18,10 +18,10 @@ __all__ = [
     "FILL_VALUES",
     "DeclaredMissing",
     "FillFound",
-    "blank_fill_values",
     "describe_missing",
     "is_missing_word",
     "list_missing_words",
+    "replace_fill_values_by_nan",
 ]
 
 # as R, BIDS, pandas, spreadsheets, SAS and instruments write it; in small letters
@@ -65,7 +65,7 @@ class FillFound:
     count: int = 0
     words: tuple[str, ...] = ()
 
-    def describe(self, column: str) -> str:
+    def describe_missing_values(self, column: str) -> str:
         """Say what was taken as missing; empty where nothing was, or only empty cells."""
         found = [f"{fill:.10g}" for fill in self.fills]
         found += dict.fromkeys(self.words)
@@ -96,46 +96,49 @@ class DeclaredMissing:
         for cell in cells:
             is_missing = self._decided.get(cell)
             if is_missing is None:
-                is_missing = self._decided[cell] = self._matches(cell)
+                is_missing = self._decided[cell] = self._is_declared_missing(cell)
             if is_missing:
                 self._counts[cell] = self._counts.get(cell, 0) + 1
                 cell = ""
             blanked.append(cell)
         return blanked
 
-    def describe(self) -> list[str]:
+    def describe_found_values(self) -> list[str]:
         """Say which declared values were found."""
         note = describe_missing(list(self._counts), sum(self._counts.values()), "")
         return [note] if note else []
 
-    def _matches(self, cell: str) -> bool:
+    def _is_declared_missing(self, cell: str) -> bool:
         """Tell whether a cell is a declared word, or a declared number in any form."""
         if cell in self._words:
             return True
         try:
-            value = np.float64(self._notation.parse(cell))
+            value = np.float64(self._notation.parse_number(cell))
         except ValueError:
             return False
-        return any(bool(_match_fill(value, number)) for number in self._numbers)
+        return any(bool(_mask_fill_value(value, number)) for number in self._numbers)
 
 
-def describe_missing(found: Sequence[str], count: int, place: str) -> str:
+def describe_missing(missing_texts: Sequence[str], cell_count: int, column_clause: str) -> str:
     """Say that what was found stands for a missing value; empty where nothing was found.
 
     Parameters
     ----------
-    found : sequence of str
+    missing_texts : sequence of str
         As the file writes it.
-    count : int
+    cell_count : int
         Number of cells.
-    place : str
+    column_clause : str
         Behind a blank, or empty.
     """
-    if not found:
+    if not missing_texts:
         return ""
-    cells = "cell" if count == 1 else "cells"
-    verb = "stands" if len(found) == 1 else "stand"
-    return f"{' and '.join(found)}{place} ({count} {cells}) {verb} for a missing value"
+    cells = "cell" if cell_count == 1 else "cells"
+    verb = "stands" if len(missing_texts) == 1 else "stand"
+    return (
+        f"{' and '.join(missing_texts)}{column_clause} ({cell_count} {cells}) {verb} for a "
+        "missing value"
+    )
 
 
 def list_missing_words(cells: Sequence[str]) -> tuple[str, ...]:
@@ -156,7 +159,7 @@ def is_missing_word(text: str) -> bool:
     return text.strip().strip('"').strip().lower() in _WORDS
 
 
-def blank_fill_values(
+def replace_fill_values_by_nan(
     values: NDArray[np.float64], declared: Sequence[float] | None = None
 ) -> FillFound:
     """Put NaN in place of the values that fill the gaps of a column.
@@ -178,13 +181,13 @@ def blank_fill_values(
     present = []
     is_fill = np.zeros(values.shape, dtype=bool)
     for candidate in candidates:
-        found = _match_fill(values, candidate)
+        found = _mask_fill_value(values, candidate)
         if found.any():
             present.append(candidate)
             is_fill |= found
     if present and declared is None:
         present = _choose_outlying_fills(values[~is_fill], present)
-        is_fill = _match_fills(values, present)
+        is_fill = _mask_fill_values(values, present)
     if not present:
         return FillFound(values)
     blanked = np.where(is_fill, np.nan, values)
@@ -200,15 +203,15 @@ def _choose_outlying_fills(rest: NDArray[np.float64], present: Sequence[float]) 
     return [fill for fill in present if abs(fill) > _STANDS_OUT * largest]
 
 
-def _match_fills(values: NDArray[np.float64], fills: Sequence[float]) -> NDArray[np.bool_]:
+def _mask_fill_values(values: NDArray[np.float64], fills: Sequence[float]) -> NDArray[np.bool_]:
     """Return a mask of the numbers that equal one of some fill values."""
     is_fill = np.zeros(values.shape, dtype=bool)
     for fill in fills:
-        is_fill |= _match_fill(values, fill)
+        is_fill |= _mask_fill_value(values, fill)
     return is_fill
 
 
-def _match_fill(values: NDArray[np.float64] | np.float64, fill: float) -> NDArray[np.bool_]:
+def _mask_fill_value(values: NDArray[np.float64] | np.float64, fill: float) -> NDArray[np.bool_]:
     """Return a mask of the numbers that equal a fill value; a huge one may be rounded."""
     if abs(fill) < _HUGE:
         return np.asarray(values == fill)

@@ -13,7 +13,13 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["NotationError", "NumberNotation", "find_notation", "is_plain_number", "simplify_number"]
+__all__ = [
+    "NotationError",
+    "NumberNotation",
+    "find_number_notation",
+    "is_plain_number",
+    "simplify_number",
+]
 
 _SIGNS = str.maketrans(
     {
@@ -87,7 +93,7 @@ class NumberNotation:
 
     decimal: str = "."
 
-    def parse(self, text: str) -> float:
+    def parse_number(self, text: str) -> float:
         """Read a number.
 
         Raises
@@ -137,14 +143,14 @@ class _Evidence:
 
     seen: dict[_Sign, str] = field(default_factory=dict)
 
-    def add(self, text: str) -> None:
+    def add_number(self, text: str) -> None:
         """Note what one number shows."""
-        sign = _classify_sign(text)
+        sign = _classify_decimal_sign(text)
         if sign is not _Sign.NOTHING:
             self.seen.setdefault(sign, text)
 
 
-def find_notation(texts: Iterable[str]) -> NumberNotation:
+def find_number_notation(texts: Iterable[str]) -> NumberNotation:
     """Find the notation that all numbers of a file share.
 
     Parameters
@@ -165,7 +171,7 @@ def find_notation(texts: Iterable[str]) -> NumberNotation:
     evidence = _Evidence()
     for text in texts:
         if "," in text or "." in text:
-            evidence.add(text)
+            evidence.add_number(text)
     seen = evidence.seen
     point, comma = seen.get(_Sign.POINT), seen.get(_Sign.COMMA)
     if point is not None and comma is not None:
@@ -190,7 +196,7 @@ def find_notation(texts: Iterable[str]) -> NumberNotation:
     return NumberNotation(".")
 
 
-def _classify_sign(text: str) -> _Sign:
+def _classify_decimal_sign(text: str) -> _Sign:
     """Classify what a number shows of the decimal sign: `NOTHING` where it is not a number."""
     parsed = _NUMBER.fullmatch(simplify_number(text))
     if parsed is None:

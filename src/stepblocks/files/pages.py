@@ -47,11 +47,11 @@ def render_page(package: str, template: str, **values: object) -> str:
     environment.filters["readable"] = format_units
     environment.filters["label"] = format_column_label
     environment.filters["figure"] = _format_cell
-    environment.globals["head"] = _render_head
+    environment.globals["head"] = _render_page_head
     return environment.get_template(template).render(**values)
 
 
-def _render_head(title: str) -> str:
+def _render_page_head(title: str) -> str:
     """Return the beginning of a page, up to the page's own style."""
     style = files("stepblocks").joinpath("page.css").read_text(encoding="utf-8")
     return _HEAD % (html.escape(title), style)

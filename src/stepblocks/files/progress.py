@@ -32,7 +32,7 @@ class ProgressStep:
     name: str
 
 
-def append_step(path: Path, step: ProgressStep) -> None:
+def append_progress_step(path: Path, step: ProgressStep) -> None:
     """Add a step to a file; a command goes on where that file cannot be written."""
     try:
         with path.open("a", encoding="utf-8") as file:

@@ -47,15 +47,15 @@ class RawTable:
     notes: tuple[str, ...] = ()
 
 
-def name_sheet_column(number: int) -> str:
+def name_sheet_column(column_index: int) -> str:
     """Return the letters of a sheet's column, counted from 0.
 
     >>> name_sheet_column(0), name_sheet_column(27)
     ('A', 'AB')
     """
     letters = ""
-    number += 1
-    while number:
-        number, digit = divmod(number - 1, 26)
+    column_index += 1
+    while column_index:
+        column_index, digit = divmod(column_index - 1, 26)
         letters = chr(ord("A") + digit) + letters
     return letters

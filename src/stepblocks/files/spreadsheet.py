@@ -82,9 +82,9 @@ def read_cells_in_worker(path: Path) -> dict[str, object]:
     for row in sheet.to_python(skip_empty_area=False):
         rows.append(list(map(_format_cell, row)))
     if path.suffix.lower() == ".ods":
-        merged = next(_yield_merged_in_ods(path, filled[0]), "")
+        merged = next(_yield_merged_ranges_of_ods(path, filled[0]), "")
     else:
-        merged = _name_first_merged(sheet.merged_cell_ranges)
+        merged = _name_first_merged_range(sheet.merged_cell_ranges)
     return {"sheet": filled[0], "rows": rows, "merged": merged, "others": filled[1:]}
 
 
@@ -101,7 +101,7 @@ def _format_cell(cell: object) -> str:
     return str(cell).strip()
 
 
-def _name_first_merged(ranges: list[tuple[tuple[int, int], tuple[int, int]]] | None) -> str:
+def _name_first_merged_range(ranges: list[tuple[tuple[int, int], tuple[int, int]]] | None) -> str:
     """Name the first of some merged cells, as ``A1:C1``."""
     if not ranges:
         return ""
@@ -111,7 +111,7 @@ def _name_first_merged(ranges: list[tuple[tuple[int, int], tuple[int, int]]] | N
     return f"{first}:{last}"
 
 
-def _yield_merged_in_ods(path: Path, sheet: str) -> Iterator[str]:
+def _yield_merged_ranges_of_ods(path: Path, sheet: str) -> Iterator[str]:
     """Yield the merged cells of a sheet of LibreOffice, which calamine does not report."""
     from lxml import etree
 
@@ -119,10 +119,10 @@ def _yield_merged_in_ods(path: Path, sheet: str) -> Iterator[str]:
         tree = etree.parse(content, etree.XMLParser(resolve_entities=False, no_network=True))
     for table in tree.iter(f"{_TABLE}table"):
         if table.get(f"{_TABLE}name") == sheet:
-            yield from _yield_merged_in_table(table)
+            yield from _yield_merged_ranges_of_table(table)
 
 
-def _yield_merged_in_table(table: Any) -> Iterator[str]:
+def _yield_merged_ranges_of_table(table: Any) -> Iterator[str]:
     """Yield the merged cells of one table of a document."""
     row_number = 1
     for row in table.iter(f"{_TABLE}table-row"):

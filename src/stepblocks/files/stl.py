@@ -29,7 +29,7 @@ def read_stl(path: Path) -> FacetMesh:
         If it is neither binary nor text of whole facets.
     """
     raw = path.read_bytes()
-    if _is_binary(raw):
+    if _is_binary_stl(raw):
         facets = np.frombuffer(raw, _FACET, offset=_HEAD_BYTES)
         normals = facets["normal"].astype(np.float64)
         corners = facets["corners"].astype(np.float64)
@@ -41,7 +41,7 @@ def read_stl(path: Path) -> FacetMesh:
     return FacetMesh(vertices, indices.reshape(-1, 3).astype(np.int64), normals)
 
 
-def _is_binary(raw: bytes) -> bool:
+def _is_binary_stl(raw: bytes) -> bool:
     """Tell whether the size of a file is that of as many triangles as its head states."""
     if len(raw) < _HEAD_BYTES:
         return False

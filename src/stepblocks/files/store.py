@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from fsspec import AbstractFileSystem
 
 
-def names_object_store(place: str | Path) -> bool:
+def is_object_store_address(place: str | Path) -> bool:
     """Tell whether a place is an address such as ``"s3://bucket/sweep"`` and no folder."""
     return isinstance(place, str) and "://" in place
 
@@ -41,7 +41,7 @@ def open_store(place: str | Path) -> "ResultStore":
     PipelineError
         If fsspec or its package for the protocol is missing, or the store cannot be reached.
     """
-    if not names_object_store(place):
+    if not is_object_store_address(place):
         return FolderStore(Path(place))
     return ObjectStore(str(place).rstrip("/"))
 
@@ -109,7 +109,7 @@ class ObjectStore:
 
     def read(self, name: str) -> bytes | None:
         """Return what an object holds; None where there is no such object."""
-        system, path = self._locate(name)
+        system, path = self._find_system_and_path(name)
         with _translate_store_errors(self.address):
             try:
                 content: bytes = system.cat_file(path)
@@ -119,7 +119,7 @@ class ObjectStore:
 
     def write(self, name: str, content: bytes) -> None:
         """Put an object in place in one piece."""
-        system, path = self._locate(name)
+        system, path = self._find_system_and_path(name)
         with _translate_store_errors(self.address):
             # where names have no root the first one is a bucket, which nobody asked to make
             if system.root_marker:
@@ -128,14 +128,14 @@ class ObjectStore:
 
     def remove(self, name: str) -> None:
         """Remove an object, where it is there."""
-        system, path = self._locate(name)
+        system, path = self._find_system_and_path(name)
         with _translate_store_errors(self.address):
             if system.exists(path):
                 system.rm_file(path)
 
     def has_any(self, pattern: str) -> bool:
         """Tell whether there is an object of such a name."""
-        system, folder = self._locate("")
+        system, folder = self._find_system_and_path("")
         with _translate_store_errors(self.address):
             try:
                 found = system.ls(folder.rstrip("/"), detail=False)
@@ -149,7 +149,7 @@ class ObjectStore:
         self.has_any("*")
         yield
 
-    def _locate(self, name: str) -> "tuple[AbstractFileSystem, str]":
+    def _find_system_and_path(self, name: str) -> "tuple[AbstractFileSystem, str]":
         """Return the file system and the path of an object."""
         try:
             from fsspec.core import url_to_fs

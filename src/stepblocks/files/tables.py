@@ -55,7 +55,7 @@ class ColumnRule(NamedTuple):
     dimension: str  # one of `SUFFIXES`
     default: float | None  # in SI; a column without one must be there
 
-    def list_columns(self) -> dict[str, str]:
+    def list_units_by_column(self) -> dict[str, str]:
         """Return the unit of every column that fits, by its full name."""
         columns = {}
         for name in self.names:
@@ -134,10 +134,10 @@ def load_table(
             columns[name] = _make_text_column(source.get_cells(number))
             continue
         numbers = source.require_numbers(number, PipelineError)
-        notes += filter(None, [numbers.describe(name)])
+        notes += filter(None, [numbers.describe_missing_values(name)])
         columns[name] = _make_number_column(numbers.values)
     frame = pd.DataFrame(columns)
-    return FileTable(_append_units(frame, source), source, tuple(notes))
+    return FileTable(_append_units_to_names(frame, source), source, tuple(notes))
 
 
 def _make_text_column(cells: list[str]) -> "pd.Series":
@@ -158,7 +158,7 @@ def _make_number_column(values: NDArray[np.float64]) -> "pd.Series":
     return pd.Series(values)
 
 
-def _append_units(frame: "pd.DataFrame", source: TextTable) -> "pd.DataFrame":
+def _append_units_to_names(frame: "pd.DataFrame", source: TextTable) -> "pd.DataFrame":
     """Put the units of a row of units behind the names of their columns: ``load [N]``.
 
     A name that states its unit must agree with the row.
@@ -179,7 +179,7 @@ def _append_units(frame: "pd.DataFrame", source: TextTable) -> "pd.DataFrame":
     return frame.rename(columns=renamed)
 
 
-def convert_dataset(dataset: Any) -> "pd.DataFrame":
+def convert_dataset_to_table(dataset: Any) -> "pd.DataFrame":
     """Turn a Dataset of xarray into a table, its coordinates among the columns.
 
     The unit that a variable states in its attribute ``units`` must agree with that of its name; a
@@ -209,14 +209,14 @@ def convert_dataset(dataset: Any) -> "pd.DataFrame":
     return renamed_frame
 
 
-def find_misspelt_columns(frame: "pd.DataFrame", known: Collection[str]) -> dict[str, str]:
+def find_misspelt_columns(frame: "pd.DataFrame", known_names: Collection[str]) -> dict[str, str]:
     """Return the known name that was probably meant, by the name of each column that is near it."""
     meant = {}
     for column in frame:
-        if column in known:
+        if column in known_names:
             continue
         name = str(column)
-        similar = difflib.get_close_matches(name, known, 1, _SIMILAR_ENOUGH)
+        similar = difflib.get_close_matches(name, known_names, 1, _SIMILAR_ENOUGH)
         if similar:
             meant[name] = similar[0]
     return meant
@@ -243,14 +243,14 @@ def parse_unit_of_name(name: str) -> str:
     return ""
 
 
-def find_column_name(name: str, known: Mapping[str, str]) -> str:
+def find_column_name(name: str, known_columns: Mapping[str, str]) -> str:
     """Return the known column that a name means: ``height_um`` for "Height [µm]".
 
     Parameters
     ----------
     name : str
         As a table has it.
-    known : mapping of str
+    known_columns : mapping of str
         Unit of each known column by its full name.
 
     Returns
@@ -258,21 +258,21 @@ def find_column_name(name: str, known: Mapping[str, str]) -> str:
     str
         The known name; empty where it means none of them.
     """
-    if name in known:
+    if name in known_columns:
         return name
     bracketed = _BRACKETED.fullmatch(name)
     words = name if bracketed is None else bracketed["name"]
     base = re.sub(r"[\s-]+", "_", words.strip()).lower()
     if bracketed is None:
-        return base if base in known else ""
-    for suffix in _list_suffixes(simplify_unit(bracketed["unit"])):
+        return base if base in known_columns else ""
+    for suffix in _list_suffixes_of_unit(simplify_unit(bracketed["unit"])):
         column = f"{base}_{suffix}".rstrip("_")
-        if column in known:
+        if column in known_columns:
             return column
     return ""
 
 
-def _list_suffixes(unit: str) -> list[str]:
+def _list_suffixes_of_unit(unit: str) -> list[str]:
     """Return the endings of names that say a unit; none at all says a ratio."""
     if unit in ("-", "1"):
         unit = ""
@@ -322,7 +322,7 @@ def read_si_columns(
         mistakes.append(("", f"column {column!r} is not known, is it {likely!r}?"))
     found: dict[str, NDArray[np.float64]] = {}
     for key, rule in rules.items():
-        units = rule.list_columns()
+        units = rule.list_units_by_column()
         present = _map_columns_to_known(frame, units)
         if len(present) > 1:
             names = " and ".join(present)
@@ -335,7 +335,7 @@ def read_si_columns(
                 list(frame.columns).index(column),
                 place if isinstance(place, TextTable) else None,
             )
-            found[key] = _convert_column(frame[column], reading, mistakes, allow_missing)
+            found[key] = _convert_column_to_si(frame[column], reading, mistakes, allow_missing)
         elif rule.default is not None:
             found[key] = np.full(len(frame), rule.default)
         elif meant.isdisjoint(units):
@@ -365,7 +365,7 @@ class _ColumnReading:
         """Say where a cell stands, its row counted from 0."""
         if self.source is None:
             return f"row {row + 1}"
-        return self.source.name_row(row, self.column)
+        return self.source.name_place_of_row(row, self.column)
 
     def format_wrong_cell(self, row: int, value: object) -> str:
         """Write a cell that is not a finite number as its file does, for a message."""
@@ -400,7 +400,7 @@ def _find_misspelt_defaults(frame: "pd.DataFrame", rules: Sequence[ColumnRule]) 
         return {}
     known: dict[str, str] = {}
     for rule in rules:
-        known |= rule.list_columns()
+        known |= rule.list_units_by_column()
     misspelt = find_misspelt_columns(frame, known)
     for column in list(misspelt):
         if find_column_name(column, known):  # as "height [um]", which is another way to write it
@@ -408,14 +408,14 @@ def _find_misspelt_defaults(frame: "pd.DataFrame", rules: Sequence[ColumnRule]) 
     return misspelt
 
 
-def _convert_column(
+def _convert_column_to_si(
     cells: "pd.Series", reading: _ColumnReading, mistakes: list[Mistake], allow_missing: bool
 ) -> NDArray[np.float64]:
     """Return a column in SI; cells that are no finite number are added to the mistakes."""
     if getattr(cells.dtype, "kind", None) in _NO_NUMBER_KINDS:
         mistakes.append(("", f"{cells.name} must hold numbers, got {cells.dtype}"))
         return np.full(len(cells), np.nan)
-    numbers = _read_cells(cells, reading.notation)
+    numbers = _convert_cells_to_numbers(cells, reading.notation)
     is_wrong = ~np.isfinite(numbers)
     if allow_missing:
         is_wrong &= np.isinf(numbers) | _find_word_cells(cells)
@@ -442,10 +442,10 @@ def _find_word_cells(cells: "pd.Series") -> NDArray[np.bool_]:
     """Return a mask of the cells that are neither a number nor missing, shape (rows,)."""
     if not _holds_objects(cells):
         return np.zeros(len(cells), dtype=bool)
-    return np.array([_is_word(cell) for cell in cells], dtype=bool)
+    return np.array([_is_word_cell(cell) for cell in cells], dtype=bool)
 
 
-def _is_word(cell: object) -> bool:
+def _is_word_cell(cell: object) -> bool:
     """Tell whether a cell that is no number stands for something else than a missing one."""
     if isinstance(cell, str):
         return not is_missing_word(cell)
@@ -454,7 +454,7 @@ def _is_word(cell: object) -> bool:
     return cell is not None and type(cell).__name__ not in _MISSING_OBJECTS
 
 
-def _read_cells(cells: "pd.Series", notation: NumberNotation) -> NDArray[np.float64]:
+def _convert_cells_to_numbers(cells: "pd.Series", notation: NumberNotation) -> NDArray[np.float64]:
     """Return the numbers of a column, NaN for what is none."""
     import pandas as pd
 
@@ -464,7 +464,7 @@ def _read_cells(cells: "pd.Series", notation: NumberNotation) -> NDArray[np.floa
     values = np.full(len(cells), np.nan)
     for row, cell in enumerate(cells):
         try:
-            values[row] = notation.parse(str(cell))
+            values[row] = notation.parse_number(str(cell))
         except ValueError:
             continue
     return values

@@ -28,10 +28,10 @@ def escape_file_name(name: str) -> str:
     return name.encode(errors="backslashreplace").decode()
 
 
-def suggest_file(path: Path) -> str:
+def suggest_similar_file(path: Path) -> str:
     """Return what to add to a message about a missing file: a similar name beside it, or none."""
     if not path.parent.is_dir():
-        return suggest_file(path.parent)
+        return suggest_similar_file(path.parent)
     beside = [entry.name for entry in path.parent.iterdir() if entry != path]
     similar = difflib.get_close_matches(path.name, beside, n=1)
     if not similar:
@@ -44,7 +44,7 @@ def measure_file_size(path: Path) -> int:
     try:
         found = path.stat()
     except FileNotFoundError as error:
-        reason = f"{describe_system_error(error, path)}{suggest_file(path)}"
+        reason = f"{describe_system_error(error, path)}{suggest_similar_file(path)}"
         raise FileNotFoundError(error.errno, reason, str(path)) from error
     if stat.S_ISDIR(found.st_mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
@@ -54,7 +54,11 @@ def measure_file_size(path: Path) -> int:
 
 
 def read_document(
-    path: Path, what: str, raises: type[StepblocksError], most: int = 1_000_000, form: str = "TOML"
+    path: Path,
+    document_name: str,
+    raises: type[StepblocksError],
+    most_bytes: int = 1_000_000,
+    file_format: str = "TOML",
 ) -> Any:
     """Read a file of TOML or JSON.
 
@@ -62,13 +66,13 @@ def read_document(
     ----------
     path : Path
         The file: UTF-8 with or without a mark, or UTF-16 with one.
-    what : str
+    document_name : str
         What the file is to its reader, for messages, such as ``"stimulus file"``.
     raises : type of StepblocksError
         Raised where the file cannot be read or is malformed.
-    most : int
+    most_bytes : int
         Largest size that is read [bytes].
-    form : {"TOML", "JSON"}
+    file_format : {"TOML", "JSON"}
         How it is written.
 
     Returns
@@ -76,28 +80,30 @@ def read_document(
     object
         Tables and objects are dicts; nothing in them is checked.
     """
-    parse = _PARSERS[form]
+    parse = _PARSERS[file_format]
     try:
         size = measure_file_size(path)
-        if size > most:
-            raise raises(f"{what} must be at most {most} bytes, got {size} [{path}]")
+        if size > most_bytes:
+            raise raises(f"{document_name} must be at most {most_bytes} bytes, got {size} [{path}]")
         raw = path.read_bytes()
         return parse(decode_unicode(raw).replace("\r\n", "\n"))
     except OSError as error:
         reason = describe_system_error(error, path)
-        raise raises(f"{what} cannot be read: {reason} [{path}]") from error
+        raise raises(f"{document_name} cannot be read: {reason} [{path}]") from error
     except UnicodeDecodeError as error:
         line = raw[: error.start].count(b"\n") + 1
         byte = raw[error.start]
         raise raises(
-            f"{what} must be UTF-8 text (save it with that encoding), got the byte "
+            f"{document_name} must be UTF-8 text (save it with that encoding), got the byte "
             f"0x{byte:02X}{_name_windows_letter(byte)} [{path}, line {line}]"
         ) from error
     except ValueError as error:  # of either parser, and of whole numbers of thousands of digits
         reason = str(error).partition(";")[0]
-        raise raises(f"{what} must be {form}: {reason} [{path}]") from error
+        raise raises(f"{document_name} must be {file_format}: {reason} [{path}]") from error
     except RecursionError as error:
-        raise raises(f"{what} must be {form} of reasonable depth [{path}]") from error
+        raise raises(
+            f"{document_name} must be {file_format} of reasonable depth [{path}]"
+        ) from error
 
 
 def _name_windows_letter(byte: int) -> str:

@@ -20,18 +20,23 @@ from stepblocks.files.dialect import (
     count_cells,
     find_dialect,
     is_number_in_any_notation,
-    list_first_lines,
+    list_first_row_lines,
     split_records,
 )
 from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.files.missing import (
     DeclaredMissing,
     FillFound,
-    blank_fill_values,
     is_missing_word,
     list_missing_words,
+    replace_fill_values_by_nan,
 )
-from stepblocks.files.numbers import NotationError, NumberNotation, find_notation, is_plain_number
+from stepblocks.files.numbers import (
+    NotationError,
+    NumberNotation,
+    find_number_notation,
+    is_plain_number,
+)
 from stepblocks.files.paths import describe_system_error
 from stepblocks.files.raw_table import RawTable, Record, name_sheet_column
 from stepblocks.files.spreadsheet import read_sheet
@@ -44,8 +49,8 @@ __all__ = [
     "TextTable",
     "is_sheet",
     "is_table_name",
-    "parse_table",
-    "read_names",
+    "parse_text_table",
+    "read_column_names",
     "read_text_table",
 ]
 
@@ -145,7 +150,7 @@ class TextTable:
         """The file, and the sheet of a workbook, for messages about the whole table."""
         return f"{self.file}, {self.sheet}" if self.sheet else self.file
 
-    def name_row(self, row: int, column: int | None = None) -> str:
+    def name_place_of_row(self, row: int, column: int | None = None) -> str:
         """Say where a row stands, counted from 0, or one of its cells: a line, or a cell's name."""
         if not self.sheet:
             return f"line {self.places[row]}"
@@ -160,7 +165,7 @@ class TextTable:
         except IndexError:
             return ["".join(row[column : column + 1]) for row in self.rows]
 
-    def find_columns(self, names: Iterable[str]) -> list[int]:
+    def find_column_indices(self, names: Iterable[str]) -> list[int]:
         """Find the places of columns by their names; all of them must be there."""
         return [self.names.index(name) for name in names]
 
@@ -184,7 +189,7 @@ class TextTable:
             words = list_missing_words(cells)
         found = FillFound(values)
         if self.finds_fills:
-            found = blank_fill_values(values)
+            found = replace_fill_values_by_nan(values)
         return replace(found, words=words)
 
     def require_numbers(self, column: int, raises: type[StepblocksError]) -> FillFound:
@@ -193,7 +198,7 @@ class TextTable:
             return self.read_numbers(column)
         except CellError as error:
             name = repr(self.names[column]) if self.names else f"column {column}"
-            place = self.name_row(error.row, column)
+            place = self.name_place_of_row(error.row, column)
             raise raises(f"{name} {error} [{self.file}, {place}]") from error
 
     def _parse_numbers(self, cells: Sequence[str]) -> NDArray[np.float64]:
@@ -207,7 +212,7 @@ class TextTable:
             if is_missing_word(cell):
                 continue
             try:
-                values[row] = self.notation.parse(cell)
+                values[row] = self.notation.parse_number(cell)
             except ValueError:
                 raise CellError(row, cell) from None
         return values
@@ -258,7 +263,7 @@ def read_text_table(
         if size > most_bytes:
             raise raises(f"table must be smaller than {most_bytes} bytes, got {size} [{path}]")
         if is_sheet(path):
-            return build_table(read_sheet(path, raises), layout, str(path), raises, shape)
+            return build_text_table(read_sheet(path, raises), layout, str(path), raises, shape)
         raw = path.read_bytes()
     except OSError as error:
         reason = describe_system_error(error, path)
@@ -266,7 +271,7 @@ def read_text_table(
     decoded = decode_text(raw, path, raises, layout.encoding)
     if "\0" in decoded.text:
         raise raises(f"table must be text or a sheet of Excel or LibreOffice, got binary [{path}]")
-    table = parse_table(decoded.text, str(path), layout, raises, shape)
+    table = parse_text_table(decoded.text, str(path), layout, raises, shape)
     if decoded.note:
         table = replace(table, notes=(decoded.note, *table.notes))
     return table
@@ -285,7 +290,7 @@ def is_sheet(path: Path) -> bool:
         return file.read(8).startswith(_SHEET_MARKS)
 
 
-def read_names(path: Path) -> tuple[str, ...]:
+def read_column_names(path: Path) -> tuple[str, ...]:
     """Return the names in the first row of a table; none where the file is not a table."""
     if not is_table_name(path) or not path.is_file():
         return ()
@@ -295,13 +300,13 @@ def read_names(path: Path) -> tuple[str, ...]:
         with path.open("rb") as file:
             head = file.read(_HEAD_BYTES)
         text = decode_text(head, path, PipelineError).text
-        first = "".join(list_first_lines(text)[:1])
-        return tuple(next(find_dialect(first).split(first)).cells)
+        first = "".join(list_first_row_lines(text)[:1])
+        return tuple(next(find_dialect(first).split_rows(first)).cells)
     except (StepblocksError, csv.Error, StopIteration):
         return ()
 
 
-def parse_table(
+def parse_text_table(
     text: str,
     file: str,
     layout: TableLayout = UNDECLARED,
@@ -325,21 +330,21 @@ def parse_table(
     if layout.separator is None and dialect.separator != usual and records:
         notes.append(f"cells are separated by {dialect.separator_in_words}")
     raw = RawTable(records, comments, notes=tuple(notes))
-    return build_table(raw, layout, file, raises, shape)
+    return build_text_table(raw, layout, file, raises, shape)
 
 
 def _find_broken_line(text: str, dialect: Dialect) -> int:
     """Return the line in which a text stops to be a table."""
     line = 1
     try:
-        for record in dialect.split(text):
+        for record in dialect.split_rows(text):
             line = record.line + 1
     except csv.Error:
         return line
     return line
 
 
-def build_table(
+def build_text_table(
     raw: RawTable,
     layout: TableLayout,
     file: str,
@@ -369,8 +374,8 @@ def build_table(
     has_trailing = _drop_trailing_cells(records, width) or len(names) > width
     if has_trailing and not raw.sheet:
         notes.append("empty cells behind the last column are left out")
-    names = _name_columns(names[:width], records, bool(raw.sheet), place, raises)
-    units = _pop_units(records, names, notes)
+    names = _complete_column_names(names[:width], records, bool(raw.sheet), place, raises)
+    units = _pop_unit_row(records, names, notes)
     table = TextTable(
         names=tuple(names),
         rows=[record.cells for record in records],
@@ -393,7 +398,7 @@ def _blank_declared_values(table: TextTable, layout: TableLayout) -> TextTable:
         return table
     rule = DeclaredMissing(declared, table.notation)
     rows = [rule.blank_cells(row) for row in table.rows]
-    notes = [*table.notes, *rule.describe()]
+    notes = [*table.notes, *rule.describe_found_values()]
     return replace(table, rows=rows, notes=tuple(notes), finds_fills=False)
 
 
@@ -409,7 +414,7 @@ def _pop_header(records: list[Record], comments: Sequence[Record], notes: list[s
     return records.pop(0).cells
 
 
-def _read_comment_names(comments: Sequence[Record], columns: int) -> list[str]:
+def _read_comment_names(comments: Sequence[Record], column_count: int) -> list[str]:
     """Return what the last comment above a table names, if it names as many columns."""
     if not comments:
         return []
@@ -418,7 +423,7 @@ def _read_comment_names(comments: Sequence[Record], columns: int) -> list[str]:
         names[0] = names[0].lstrip("#%/ ")
     if names and not names[0]:
         names = names[1:]
-    return names if len(names) == columns else []
+    return names if len(names) == column_count else []
 
 
 def _are_numbers(cells: Sequence[str]) -> bool:
@@ -485,7 +490,7 @@ def _drop_trailing_cells(records: list[Record], width: int) -> bool:
     return has_trailing
 
 
-def _name_columns(
+def _complete_column_names(
     names: Sequence[str],
     records: Sequence[Record],
     is_sheet_row: bool,
@@ -525,7 +530,7 @@ def _drop_dash_row(records: list[Record], notes: list[str]) -> None:
         records.pop(0)
 
 
-def _pop_units(records: list[Record], names: Sequence[str], notes: list[str]) -> tuple[str, ...]:
+def _pop_unit_row(records: list[Record], names: Sequence[str], notes: list[str]) -> tuple[str, ...]:
     """Take a row of units off the rows: below the header, above columns of numbers."""
     if len(records) < 2 or not names:
         return ()
@@ -559,13 +564,13 @@ def _choose_notation(
     if table.sheet:
         return NumberNotation()
     try:
-        return find_notation(_yield_cells_for_notation(table))
+        return find_number_notation(_yield_cells_for_notation(table))
     except NotationError as error:
-        row = _find_row_with(table, error.number)
-        raise raises(f"{error} [{table.file}, {table.name_row(row)}]") from error
+        row = _find_first_row_with_cell(table, error.number)
+        raise raises(f"{error} [{table.file}, {table.name_place_of_row(row)}]") from error
 
 
-def _find_row_with(table: TextTable, cell: str) -> int:
+def _find_first_row_with_cell(table: TextTable, cell: str) -> int:
     """Return the first row that holds a cell, counted from 0."""
     for row, cells in enumerate(table.rows):
         if cell in cells:

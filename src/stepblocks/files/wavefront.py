@@ -34,7 +34,7 @@ class FacetMesh:
 
 
 @dataclass
-class _Content:
+class _ObjContent:
     """What the lines read so far state."""
 
     vertices: list[list[float]] = field(default_factory=list)
@@ -51,10 +51,10 @@ def read_obj(path: Path) -> FacetMesh:
     ValueError
         With the line, if it states no vertex, no polygon, or a number that is none.
     """
-    content = _Content()
+    content = _ObjContent()
     for number, words in _yield_statements(path.read_text(encoding="utf-8-sig")):
         try:
-            _add_statement(words, content)
+            _add_statement_to_content(words, content)
         except (ValueError, IndexError) as error:
             raise ValueError(f"line {number}: {' '.join(words)[:60]!r}: {error}") from error
     return FacetMesh(
@@ -78,7 +78,7 @@ def _yield_statements(text: str) -> Iterator[tuple[int, list[str]]]:
             yield number, words
 
 
-def _add_statement(words: Sequence[str], content: _Content) -> None:
+def _add_statement_to_content(words: Sequence[str], content: _ObjContent) -> None:
     """Add the vertex, normal or polygon of one statement to the content; leave out others."""
     keyword, *values = words
     if keyword == "v":
@@ -99,7 +99,7 @@ def _read_vertex(values: Sequence[str]) -> list[float]:
     return numbers[:_SPATIAL]
 
 
-def _add_polygon(corners: Sequence[str], content: _Content) -> None:
+def _add_polygon(corners: Sequence[str], content: _ObjContent) -> None:
     """Add a polygon as triangles about its first corner."""
     indices = []
     normals = []

@@ -14,7 +14,7 @@ from stepblocks.contact.event import VibrationEvent, replace_not_finite_by_none
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.errors import HapticsError
 from stepblocks.files.text import read_document
-from stepblocks.mistakes import validate_data
+from stepblocks.mistakes import validate_file_data
 from stepblocks.quantities import parse_quantity
 
 _MAX_FILE_BYTES = 200_000
@@ -130,7 +130,7 @@ def load_devices(path: str | Path | None = None) -> tuple[Device, ...]:
     by_id: dict[str, Device] = {}
     for source in sources:
         document = read_document(source, "a device file", HapticsError, _MAX_FILE_BYTES)
-        declared = validate_data(_DeviceFile, document, source, HapticsError)
+        declared = validate_file_data(_DeviceFile, document, source, HapticsError)
         by_id |= {device.id: device for device in declared.device}
     return tuple(by_id.values())
 

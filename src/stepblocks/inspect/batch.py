@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stepblocks.files.figures import Axes, make_figure, save_figure
+from stepblocks.files.figures import Axes, make_figure_and_axes, save_figure
 from stepblocks.inspect.capability import (
     FEWEST_PARTS,
     Capability,
@@ -173,7 +173,7 @@ def _measure_batch_characteristic(
 
 def draw_control_charts(path: Path, batches: Sequence[MeasuredBatch]) -> None:
     """Draw the chart of individuals of each characteristic with its limits, and save it."""
-    figure, axes = make_figure(len(batches), height=_HEIGHT * len(batches) + _MARGIN)
+    figure, axes = make_figure_and_axes(len(batches), height=_HEIGHT * len(batches) + _MARGIN)
     for panel, batch in zip(np.atleast_1d(axes), batches, strict=True):
         _draw_control_chart(panel, batch)
     save_figure(figure, path)

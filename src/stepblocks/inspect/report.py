@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from stepblocks.files.atomic import replace_text
-from stepblocks.files.figures import make_figure, save_figure
+from stepblocks.files.figures import make_figure_and_axes, save_figure
 from stepblocks.files.pages import render_page
 from stepblocks.files.tables import write_table
 from stepblocks.inspect.conformity import Outcome
@@ -137,7 +137,7 @@ def _collect_sheet_values(result: InspectionResult) -> dict[str, tuple[float, fl
 
 def _write_plot(path: Path, result: InspectionResult) -> None:
     """Draw scan, windows and limits into an SVG file; what others measured comes without a scan."""
-    figure, axes = make_figure(1, width=9.0, height=4.6)
+    figure, axes = make_figure_and_axes(1, width=9.0, height=4.6)
     shown = result.evaluation.shown
     if shown is not None:
         draw_scan(axes, shown, result.judged)

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from stepblocks.errors import MetrologyError
-from stepblocks.files.figures import Axes, take_axes
+from stepblocks.files.figures import Axes, get_or_make_axes
 from stepblocks.inspect.conformity import Outcome
 from stepblocks.inspect.drawing import draw_scan
 from stepblocks.inspect.evaluation import Evaluation
@@ -176,7 +176,7 @@ class InspectionResult:
         """
         if self.evaluation.shown is None:
             raise MetrologyError("only what was scanned here can be drawn, got results of others")
-        axes = take_axes(ax)
+        axes = get_or_make_axes(ax)
         draw_scan(axes, self.evaluation.shown, self.judged)
         return axes
 

@@ -8,7 +8,7 @@ from stepblocks.errors import PipelineError
 from stepblocks.files.atomic import resolve_inside
 from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.files.tables import Table, find_misspelt_columns, read_table
-from stepblocks.files.text_table import read_names
+from stepblocks.files.text_table import read_column_names
 from stepblocks.inspect.attempts import evaluate_each
 from stepblocks.records.sheet_read import is_filled_sheet, read_filled_sheet
 
@@ -19,7 +19,7 @@ _TABLE_NAME = "scans.csv"  # of a table in a folder
 
 def is_one_scan_table(paths: Sequence[Path]) -> bool:
     """Tell whether the paths are a single table that names scans."""
-    return len(paths) == 1 and SCAN in read_names(paths[0])
+    return len(paths) == 1 and SCAN in read_column_names(paths[0])
 
 
 def list_condition_columns(scans: Table) -> list[str]:

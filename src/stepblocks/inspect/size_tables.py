@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from stepblocks.files.table_rows import list_rows
+from stepblocks.files.table_rows import list_rows_by_column_name
 from stepblocks.files.tables import Table
 from stepblocks.inspect.judgement import is_angle
 
@@ -34,7 +34,7 @@ def split_sizes_by_unit(table: Table) -> Table:
 
 def format_table_rows(table: Table) -> list[Mapping[str, object]]:
     """Return the rows of a table of `split_sizes_by_unit` as text, each in its unit."""
-    return list(map(_format_row, list_rows(table)))
+    return list(map(_format_row, list_rows_by_column_name(table)))
 
 
 def _format_row(row: Mapping[str, object]) -> dict[str, object]:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stepblocks.files.figures import Axes, take_axes
+from stepblocks.files.figures import Axes, get_or_make_axes
 from stepblocks.lawsearch.findings import Explanation
 
 BEFORE, AFTER = "#b0506a", "#2f6f9f"  # colours of the nominal and of the extended model
@@ -47,7 +47,7 @@ def plot_agreement(
     """
     from matplotlib.ticker import NullFormatter
 
-    axis = take_axes(ax)
+    axis = get_or_make_axes(ax)
     shown = CHANNELS[channel]
     trials = explanation.problem.trials
     j = trials.channels.index(channel)

@@ -15,7 +15,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from stepblocks.files.figures import Axes, make_figure
+from stepblocks.files.figures import Axes, make_figure_and_axes
 from stepblocks.files.pages import render_page
 from stepblocks.lawsearch.adequacy import LEVEL
 from stepblocks.lawsearch.findings import Explanation
@@ -162,7 +162,7 @@ def _encode_data_url(png: bytes) -> str:
 
 def _draw_agreement(explanation: Explanation) -> str:
     """Draw measured against predicted energies and forces."""
-    figure, axes = make_figure(1, 2, width=10.0, height=4.4)
+    figure, axes = make_figure_and_axes(1, 2, width=10.0, height=4.4)
     for axis, channel in zip(axes, CHANNELS, strict=True):
         plot_agreement(explanation, axis, channel)
     return _draw_as_data_url(figure)
@@ -176,7 +176,7 @@ def _draw_residuals(explanation: Explanation, channel: str) -> Picture:
     after = trials.values[:, j] - explanation.extended.predicted[:, j]
     columns = _list_varying_columns(explanation)
     rows = -(-len(columns) // _COLUMNS)
-    figure, grid = make_figure(rows, _COLUMNS, width=11.0, height=2.6 * rows)
+    figure, grid = make_figure_and_axes(rows, _COLUMNS, width=11.0, height=2.6 * rows)
     axes = grid.ravel()
     for axis, (name, column) in zip(axes, columns.items(), strict=False):
         _draw_residual(axis, name, column, before, after)
@@ -244,7 +244,7 @@ def _draw_effect(result: LoopResult, effect: Law, name: str) -> Picture:
     low = _convert_to_percent(curve - WIDE * band)
     middle = _convert_to_percent(curve)
     high = _convert_to_percent(curve + WIDE * band)
-    figure, axis = make_figure(width=6.0, height=3.4)
+    figure, axis = make_figure_and_axes(width=6.0, height=3.4)
     if abscissa.ticks:  # nothing lies between two labels
         axis.errorbar(x, middle, (middle - low, high - middle), fmt="o", color=AFTER)
         axis.set_xticks(list(abscissa.ticks), list(abscissa.ticks.values()))

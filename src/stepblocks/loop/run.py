@@ -18,7 +18,7 @@ from stepblocks.compute.processes import run_in_processes
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.errors import PipelineError
 from stepblocks.files.atomic import lock_folder, replace_text
-from stepblocks.files.layout import UNDECLARED, TableLayout, refuse_layout
+from stepblocks.files.layout import UNDECLARED, TableLayout, refuse_declared_layout
 from stepblocks.lawsearch.claims import (
     choose_delivered_effects,
     withdraw_claims,
@@ -131,7 +131,7 @@ def loop_session(
         inspected = collect_measured_edges(read_one_record_per_stimulus(list(map(Path, as_built))))
     place = None if output is None else Path(output)
     if isinstance(session, pd.DataFrame):
-        refuse_layout(layout, "a table in memory", PipelineError)
+        refuse_declared_layout(layout, "a table in memory", PipelineError)
         if whole_record:
             raise PipelineError("whole records need traces: give the folder of the session")
         scans = {} if forces_only else inspected

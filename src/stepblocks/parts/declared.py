@@ -302,6 +302,9 @@ class WorkingFaces(Table):
     burr: Zone | None = None
 
 
+# what a figure is, and the figure with its unit, both for people
+LabelledText: TypeAlias = list[str]
+
 # flatness, parallelism and roughness of the working faces in force
 FaceDemands: TypeAlias = dict[str, Dimension]
 

@@ -21,6 +21,7 @@ from stepblocks.contact.operating_point import WEBER_FRACTION, OperatingPoint
 from stepblocks.errors import ContactError, StimulusError
 from stepblocks.parts.conditions import PredictionGrid, Ratio
 from stepblocks.parts.declared import (
+    LabelledText,
     Table,
     WorkedOut,
     make_positive_validator,
@@ -110,7 +111,7 @@ class FeltTolerance(Table):
         return f"{self.jnd:g} just noticeable differences of {100.0 * self.weber_fraction:.3g} %"
 
 
-def list_felt_tolerance_rows(tolerance: FeltTolerance | None) -> list[list[str]]:
+def list_felt_tolerance_rows(tolerance: FeltTolerance | None) -> list[LabelledText]:
     """Say for people what a part keeps, and with which friction."""
     if tolerance is None or tolerance.verdict is None:
         return []

@@ -15,7 +15,13 @@ from stepblocks.contact.operating_point import Tissue, Tool
 from stepblocks.contact.rod import Sleeve
 from stepblocks.errors import ContactError
 from stepblocks.parts.characteristics import Characteristic
-from stepblocks.parts.declared import FaceDemands, Identity, Table, complete_face_demands
+from stepblocks.parts.declared import (
+    FaceDemands,
+    Identity,
+    LabelledText,
+    Table,
+    complete_face_demands,
+)
 from stepblocks.parts.material import Material
 from stepblocks.parts.tolerance import Dimension
 from stepblocks.parts.verdict import Finding as Finding, Verdict as Verdict
@@ -202,7 +208,7 @@ class Part(Table, ABC):
     def choose_close_up(self) -> CloseUp:
         """Choose how a picture shows it."""
 
-    def derived(self) -> list[list[str]]:
+    def derived(self) -> list[LabelledText]:
         """Figures that follow from what is declared, for people."""
         return []
 

@@ -13,7 +13,7 @@ from stepblocks.parts.characteristics import (
     make_characteristic,
     make_plane_rule,
 )
-from stepblocks.parts.declared import Table, declare_default, describe_breach
+from stepblocks.parts.declared import LabelledText, Table, declare_default, describe_breach
 from stepblocks.parts.kind import Manifold
 from stepblocks.parts.revolution import Point
 from stepblocks.parts.shapes import split_solid
@@ -106,7 +106,7 @@ class Relief(Table):
             yield describe_breach("relief.depth", rule, deepest, self.depth.nominal)
 
 
-def list_untouched_ball_rows(face: object) -> list[list[str]]:
+def list_untouched_ball_rows(face: object) -> list[LabelledText]:
     """Return a row that says which balls do not touch the relief; no row for a plain step."""
     if not isinstance(face, RelievedStep):
         return []

@@ -138,25 +138,25 @@ def compute_enclosed_volume(vertices: NDArray[np.float64], triangles: NDArray[np
 
 
 def _lift_vertices(
-    raw: cad.door.Tessellation, deflections: NDArray[np.float64], volume: float
+    tessellation: cad.door.Tessellation, deflections: NDArray[np.float64], volume: float
 ) -> NDArray[np.float64]:
     """Lift vertices of coarse curved faces until a mesh encloses a volume [m^3].
 
     Chords cut corners: a mesh inscribed in a hole of 2.5 mm at 10 um is 1e-4 of a block too heavy.
     `deflections` are the chordal errors of the faces [m]. Returns the points [m], shape (n, 3).
     """
-    is_curved = np.array([face.kind != "PLANE" for face in raw.faces])
+    is_curved = np.array([face.kind != "PLANE" for face in tessellation.faces])
     is_coarse = _find_coarse_faces(is_curved, deflections)
     if not is_coarse.any():
-        return raw.vertices
-    corners = raw.vertices[raw.triangles]
+        return tessellation.vertices
+    corners = tessellation.vertices[tessellation.triangles]
     areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    directions = _average_coarse_normals(raw, areas, is_coarse)
-    _project_directions_onto_planes(directions, raw, areas, np.flatnonzero(~is_curved))
+    directions = _average_coarse_normals(tessellation, areas, is_coarse)
+    _project_directions_onto_planes(directions, tessellation, areas, np.flatnonzero(~is_curved))
     is_fine = is_curved & ~is_coarse
-    fine_vertices = np.unique(raw.triangles[is_fine[raw.face]])
+    fine_vertices = np.unique(tessellation.triangles[is_fine[tessellation.face]])
     directions[fine_vertices] = 0.0
-    return _lift_vertices_to_volume(raw, directions, volume)
+    return _lift_vertices_to_volume(tessellation, directions, volume)
 
 
 def _find_coarse_faces(
@@ -177,17 +177,17 @@ def _find_coarse_faces(
 
 
 def _average_coarse_normals(
-    raw: cad.door.Tessellation, areas: NDArray[np.float64], is_coarse: NDArray[np.bool_]
+    tessellation: cad.door.Tessellation, areas: NDArray[np.float64], is_coarse: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
     """Average the normals of the coarse faces at each vertex, weighted by area.
 
     `areas` are twice the area vectors of the triangles [m^2], shape (m, 3). Returns unit vectors,
     shape (n, 3); zero off the coarse faces.
     """
-    on_coarse = is_coarse[raw.face]
-    normals = np.zeros((len(raw.vertices), 3))
+    on_coarse = is_coarse[tessellation.face]
+    normals = np.zeros((len(tessellation.vertices), 3))
     for corner in range(3):
-        np.add.at(normals, raw.triangles[on_coarse, corner], areas[on_coarse])
+        np.add.at(normals, tessellation.triangles[on_coarse, corner], areas[on_coarse])
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
     directions = np.zeros_like(normals)
     np.divide(normals, lengths, out=directions, where=lengths > 0.0)
@@ -196,7 +196,7 @@ def _average_coarse_normals(
 
 def _project_directions_onto_planes(
     directions: NDArray[np.float64],
-    raw: cad.door.Tessellation,
+    tessellation: cad.door.Tessellation,
     areas: NDArray[np.float64],
     plane_indices: NDArray[np.intp],
 ) -> None:
@@ -205,16 +205,16 @@ def _project_directions_onto_planes(
     `plane_indices` are the indices of the plane faces.
     """
     for index in plane_indices:
-        on_face = raw.face == index
+        on_face = tessellation.face == index
         area = areas[on_face].sum(axis=0)
         normal = area / math.sqrt(math.fsum((area * area).tolist()))
-        touched = np.unique(raw.triangles[on_face])
+        touched = np.unique(tessellation.triangles[on_face])
         out_of_plane = (directions[touched] * normal).sum(axis=1, keepdims=True)
         directions[touched] -= out_of_plane * normal
 
 
 def _lift_vertices_to_volume(
-    raw: cad.door.Tessellation, directions: NDArray[np.float64], volume: float
+    tessellation: cad.door.Tessellation, directions: NDArray[np.float64], volume: float
 ) -> NDArray[np.float64]:
     """Solve for the lift by Newton's rule; the volume is a cubic of it, and nearly linear.
 
@@ -222,9 +222,11 @@ def _lift_vertices_to_volume(
     """
     lift = 0.0
     for _ in range(_LIFT_ITERATIONS):
-        reached = compute_enclosed_volume(raw.vertices + lift * directions, raw.triangles)
-        further = raw.vertices + (lift + _LIFT_STEP) * directions
-        slope = (compute_enclosed_volume(further, raw.triangles) - reached) / _LIFT_STEP
+        reached = compute_enclosed_volume(
+            tessellation.vertices + lift * directions, tessellation.triangles
+        )
+        further = tessellation.vertices + (lift + _LIFT_STEP) * directions
+        slope = (compute_enclosed_volume(further, tessellation.triangles) - reached) / _LIFT_STEP
         if slope == 0.0 or abs(reached - volume) <= _SAME_VOLUME * volume:
             break
         lift += (volume - reached) / slope
@@ -233,7 +235,7 @@ def _lift_vertices_to_volume(
             f"a mesh must keep its chordal error ({COARSE_DEFLECTION:g} m), "
             f"got a lift of {lift:g} m"
         )
-    return raw.vertices + lift * directions
+    return tessellation.vertices + lift * directions
 
 
 def require_manifold(mesh: Mesh) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pandas as pd
 
 from stepblocks.errors import PipelineError
-from stepblocks.files.figures import take_axes
+from stepblocks.files.figures import get_or_make_axes
 from stepblocks.predict.renamed_columns import (
     find_current_column_name,
     format_renamed_column_hint,
@@ -135,7 +135,7 @@ def plot_predictions(
             known = ", ".join(map(str, table.columns))
             hint = format_renamed_column_hint(name, table.columns)
             raise PipelineError(f"{name!r} must be a column of the table: {known}{hint}")
-    axes = take_axes(ax)
+    axes = get_or_make_axes(ax)
     drawn = {x, y, "stimulus", *_HEIGHTS}
     conditions = [name for name in _find_varying_conditions(table) if name not in drawn]
     for label, rows in _iterate_condition_groups(table, conditions):

@@ -14,7 +14,7 @@ from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.uncertainty import estimate_interval
 from stepblocks.declaration.set import StimulusSet
 from stepblocks.errors import ContactError
-from stepblocks.files.figures import make_figure, save_figure
+from stepblocks.files.figures import make_figure_and_axes, save_figure
 from stepblocks.predict.predictions import collect_standard_uncertainties, make_tip_dimension
 
 _BLUE = "#1f4e79"
@@ -128,7 +128,7 @@ def draw_energy_of_height(
         )
     top = 10.0 * energy[is_released].max()
     is_shown = np.isfinite(low)
-    figure, axis = make_figure()
+    figure, axis = make_figure_and_axes()
     axis.fill_between(
         heights[is_shown],
         low[is_shown],
@@ -177,7 +177,7 @@ def draw_margin_map(
     """
     from matplotlib.colors import LogNorm
 
-    figure, axes = make_figure(1, 2, width=9.0, height=4.0)
+    figure, axes = make_figure_and_axes(1, 2, width=9.0, height=4.0)
     to_tooth, to_crown = compute_margin_map_forces(gaps, discrepancies, point)
     across, along = discrepancies * 1e6, gaps * 1e6
     forces = np.concatenate([to_tooth.ravel(), to_crown.ravel()])

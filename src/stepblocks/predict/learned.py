@@ -15,7 +15,7 @@ from stepblocks.contact.kernels import compute_height_at_angle
 from stepblocks.contact.operating_point import OperatingPoint, Tool
 from stepblocks.declaration.set import StimulusSet
 from stepblocks.errors import PipelineError
-from stepblocks.files.layout import UNDECLARED, TableLayout, refuse_layout
+from stepblocks.files.layout import UNDECLARED, TableLayout, refuse_declared_layout
 from stepblocks.files.tables import read_table, write_table
 from stepblocks.predict.columns import format_six_digits
 from stepblocks.predict.predictions import Prediction
@@ -78,7 +78,7 @@ def predict_trials(
         written.
     """
     if isinstance(trials, pd.DataFrame):
-        refuse_layout(layout, "a table in memory", PipelineError)
+        refuse_declared_layout(layout, "a table in memory", PipelineError)
     else:
         trials = read_table(Path(trials), ("trial", "block", "tip"), layout)
     if not isinstance(model, LearnedModel):

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stepblocks.files.figures import make_figure, save_figure
+from stepblocks.files.figures import make_figure_and_axes, save_figure
 from stepblocks.predict.neighbours import Pair, get_pair_sort_key
 
 _RED = "#b03030"
@@ -45,7 +45,7 @@ def draw_neighbour_distances(pairs: list[Pair], path: Path, title: str) -> None:
         places.setdefault(_format_pair_name(pair), len(places))
         point = pair.first.point
         series.setdefault((point.friction, point.normal_load), []).append(pair)
-    figure, axis = make_figure(width=max(7.0, 0.9 * len(places)))
+    figure, axis = make_figure_and_axes(width=max(7.0, 0.9 * len(places)))
     shifts = np.linspace(-0.5, 0.5, len(series) + 2)[1:-1] * _SPREAD
     for shift, ((friction, load), members) in zip(shifts, series.items(), strict=True):
         x, jnds, below, above = [], [], [], []

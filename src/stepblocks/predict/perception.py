@@ -20,7 +20,7 @@ from stepblocks.contact.domain import require_positive
 from stepblocks.contact.operating_point import LEVEL_DIFFERENCE, WEBER_FRACTION
 from stepblocks.contact.uncertainty import draw_standard_normal
 from stepblocks.errors import PipelineError
-from stepblocks.files.layout import UNDECLARED, TableLayout, refuse_layout
+from stepblocks.files.layout import UNDECLARED, TableLayout, refuse_declared_layout
 from stepblocks.files.tables import load_table, read_si_columns, warn_of_notes
 from stepblocks.mistakes import Mistake, collect_mistakes, format_mistakes
 from stepblocks.predict.predictions import Model, Prediction
@@ -258,14 +258,14 @@ def read_discrimination(
         If a column is missing or a row says something impossible; all mistakes at once.
     """
     if isinstance(table, pd.DataFrame):
-        refuse_layout(layout, "a table in memory", PipelineError)
+        refuse_declared_layout(layout, "a table in memory", PipelineError)
         places = [f"row {row + 1}" for row in range(len(table))]
         source = "table"
         columns = read_si_columns(table, _COLUMNS, source, allow_missing=True)
     else:
         loaded = load_table(Path(table), layout=layout)
         warn_of_notes(loaded.notes, table)
-        places = list(map(loaded.source.name_row, range(len(loaded.frame))))
+        places = list(map(loaded.source.name_place_of_row, range(len(loaded.frame))))
         source = str(table)
         columns = read_si_columns(loaded.frame, _COLUMNS, loaded.source, allow_missing=True)
     fractions: list[WeberFraction] = []

@@ -20,10 +20,10 @@ from stepblocks.contact.many_intervals import (
 )
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.errors import ContactError, PipelineError
-from stepblocks.files.layout import UNDECLARED, TableLayout, refuse_layout
+from stepblocks.files.layout import UNDECLARED, TableLayout, refuse_declared_layout
 from stepblocks.files.tables import (
     ColumnRule,
-    convert_dataset,
+    convert_dataset_to_table,
     load_table,
     read_si_columns,
     warn_of_notes,
@@ -104,11 +104,11 @@ def predict_table(
     """
     given: Any = table
     if hasattr(given, "data_vars"):
-        table = convert_dataset(given)
+        table = convert_dataset_to_table(given)
     elif hasattr(given, "to_pandas"):  # of polars or Arrow
         table = given.to_pandas()
     if isinstance(table, pd.DataFrame):
-        refuse_layout(layout, "a table in memory", PipelineError)
+        refuse_declared_layout(layout, "a table in memory", PipelineError)
         frame, columns = table, _read_input_columns(table, "table")
     else:
         path = Path(table)
@@ -127,7 +127,7 @@ def list_input_columns() -> list[str]:
     """Return the names of all columns that a row may be predicted from, in every unit."""
     names: list[str] = []
     for rule in _COLUMNS.values():
-        names += ColumnRule(*rule).list_columns()
+        names += ColumnRule(*rule).list_units_by_column()
     return names
 
 

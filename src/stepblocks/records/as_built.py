@@ -17,7 +17,7 @@ from pydantic import BaseModel, BeforeValidator, Field
 from stepblocks.errors import MetrologyError, PipelineError
 from stepblocks.files.atomic import replace_text
 from stepblocks.files.text import escape_file_name, is_file, read_document
-from stepblocks.mistakes import validate_data
+from stepblocks.mistakes import validate_file_data
 from stepblocks.quantities import format_quantity, make_quantity_parser
 from stepblocks.scans.scan import ScannedProfile
 from stepblocks.scans.text import read_text_scan
@@ -218,7 +218,7 @@ def read_as_built(path: str | Path) -> AsBuilt:
     """
     path = Path(path)
     document = read_document(path, "record", MetrologyError)
-    record = validate_data(_Record, document, path, MetrologyError)
+    record = validate_file_data(_Record, document, path, MetrologyError)
     surface = None
     if record.profile is not None:
         surface = _read_verified_surface(path, record.profile, record.profile_sha256)

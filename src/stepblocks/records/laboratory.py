@@ -7,7 +7,7 @@ from pydantic import BaseModel, BeforeValidator, Field
 
 from stepblocks.errors import MetrologyError
 from stepblocks.files.text import read_document
-from stepblocks.mistakes import validate_data
+from stepblocks.mistakes import validate_file_data
 from stepblocks.quantities import make_quantity_parser
 
 _Text = Annotated[str, Field(min_length=1, max_length=200)]
@@ -111,7 +111,7 @@ def read_laboratory(path: str | Path) -> Laboratory:
     """
     path = Path(path)
     document = read_document(path, "laboratory", MetrologyError)
-    laboratory = validate_data(Laboratory, document, path, MetrologyError)
+    laboratory = validate_file_data(Laboratory, document, path, MetrologyError)
     if laboratory.measured_to < laboratory.measured_from:
         raise MetrologyError(
             f"measured_to must not lie before measured_from, got {laboratory.measured_from} to "

@@ -10,7 +10,7 @@ from pathlib import Path
 from stepblocks.errors import MetrologyError
 from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.files.numbers import NumberNotation
-from stepblocks.files.text_table import read_names, read_text_table
+from stepblocks.files.text_table import read_column_names, read_text_table
 from stepblocks.parts.on_paper import COLUMNS
 from stepblocks.records.qif_read import QifResult
 
@@ -23,7 +23,7 @@ _FACTORS = {"mm": 1e-3, "deg": math.radians(1.0)}
 
 def is_filled_sheet(path: Path) -> bool:
     """Tell whether a file is a workbook of Excel, or a table with the columns of a sheet."""
-    return path.suffix.lower() == ".xlsx" or _VALUE in read_names(path)
+    return path.suffix.lower() == ".xlsx" or _VALUE in read_column_names(path)
 
 
 def read_filled_sheet(path: Path, layout: TableLayout = UNDECLARED) -> list[QifResult]:
@@ -89,6 +89,6 @@ def _describe_line_mistake(cells_by_column: Mapping[str, str], result: QifResult
 def _parse_cell_number_or_nan(cell: str, notation: NumberNotation) -> float:
     """Return the number in a cell; NaN where it holds no number."""
     try:
-        return notation.parse(cell)
+        return notation.parse_number(cell)
     except ValueError:
         return math.nan

@@ -17,7 +17,7 @@ from stepblocks.contact.operating_point import PAPER
 from stepblocks.declaration.read import load_set
 from stepblocks.errors import PipelineError
 from stepblocks.files.text import read_document
-from stepblocks.mistakes import Mistake, format_mistakes, shorten_value, validate_data
+from stepblocks.mistakes import Mistake, format_mistakes, shorten_value, validate_file_data
 from stepblocks.parts.apparatus.declared import Apparatus
 from stepblocks.parts.kinds.kit_part import KitPart
 from stepblocks.quantities import make_quantity_parser
@@ -212,7 +212,7 @@ def read_plan(path: Path) -> SessionPlan:
     document = read_document(path, "plan", PipelineError)
     if "apparatus" in document:
         document["apparatus"] = _load_apparatus(document["apparatus"], path)
-    plan = validate_data(SessionPlan, document, path, PipelineError)
+    plan = validate_file_data(SessionPlan, document, path, PipelineError)
     faults: list[Mistake] = []
     for number, effect in enumerate(plan.effects, start=1):
         fault = effect.find_fault(number, plan.source, plan.list_blocks())

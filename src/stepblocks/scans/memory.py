@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from stepblocks.contact.counterface import Profile
 from stepblocks.errors import MetrologyError
-from stepblocks.files.missing import blank_fill_values
+from stepblocks.files.missing import replace_fill_values_by_nan
 from stepblocks.mistakes import shorten_value
 from stepblocks.scans.scan import Array, HeightMap, ScannedProfile
 from stepblocks.scans.text import read_table_scan
@@ -139,10 +139,10 @@ def _convert_to_metres(
         raise MetrologyError(f"unit must say that of {axis}, too, as x=mm,z=um, got none")
     numbers = _convert_to_float_array(values, axis)
     if fill_notes is not None:
-        found = blank_fill_values(numbers)
+        found = replace_fill_values_by_nan(numbers)
         numbers = found.values
         if found.count:
-            fill_notes.append(found.describe("the heights"))
+            fill_notes.append(found.describe_missing_values("the heights"))
     return units_by_axis.get(axis, _METRE).to_metres(numbers)
 
 

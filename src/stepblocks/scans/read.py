@@ -11,7 +11,7 @@ from typing import TypeAlias
 
 from stepblocks.errors import MetrologyError
 from stepblocks.files.confined import read_confined
-from stepblocks.files.layout import UNDECLARED, TableLayout, refuse_layout
+from stepblocks.files.layout import UNDECLARED, TableLayout, refuse_declared_layout
 from stepblocks.files.text import is_file
 from stepblocks.scans.formats import READERS
 from stepblocks.scans.formats.reader import LoadedScan, ReadOptions, ScanReader, check_unpacked_size
@@ -56,7 +56,7 @@ def load_scan(
     """
     if isinstance(scan, str | Path):
         return read_scan(scan, unit, channel, layout)
-    refuse_layout(layout, "a scan in memory", MetrologyError)
+    refuse_declared_layout(layout, "a scan in memory", MetrologyError)
     return convert_scan_in_memory(scan, unit, channel)
 
 
@@ -101,7 +101,7 @@ def read_scan(
     reader = find_reader(path)
     if not reader.is_confined:
         return reader.read(path, ReadOptions(unit, channel, layout)).scan
-    refuse_layout(layout, f"a {path.suffix.lower()} file [{path.name}]", MetrologyError)
+    refuse_declared_layout(layout, f"a {path.suffix.lower()} file [{path.name}]", MetrologyError)
     if unit is not None and not reader.takes_unit:
         raise MetrologyError(
             f"unit must not be given for a {path.suffix.lower()} file, which says its own "

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.errors import MetrologyError, QuantityError
-from stepblocks.files.figures import Axes, take_axes
+from stepblocks.files.figures import Axes, get_or_make_axes
 from stepblocks.quantities import read_array
 
 Array = NDArray[np.float64]
@@ -84,7 +84,7 @@ class ScannedProfile:
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw heights over positions in micrometres, into `ax` or new axes, and return these."""
-        axes = take_axes(ax)
+        axes = get_or_make_axes(ax)
         axes.plot(self.position * 1e6, self.height * 1e6, linewidth=1.0)
         axes.set(xlabel="position / um", ylabel="height / um")
         return axes
@@ -151,7 +151,7 @@ class HeightMap:
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw heights in micrometres as an image, into `ax` or new axes, and return these."""
-        axes = take_axes(ax)
+        axes = get_or_make_axes(ax)
         depth, width = np.array(self.height.shape) * (self.dy, self.dx) * 1e6
         image = axes.imshow(self.height * 1e6, origin="lower", extent=(0.0, width, 0.0, depth))
         axes.figure.colorbar(image, ax=axes, label="height / um")

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from stepblocks.errors import MetrologyError
 from stepblocks.files.decode import decode_text
 from stepblocks.files.layout import UNDECLARED, TableLayout
-from stepblocks.files.missing import FillFound, blank_fill_values
+from stepblocks.files.missing import FillFound, replace_fill_values_by_nan
 from stepblocks.files.tables import Table
 from stepblocks.scans.columns import Columns, choose_position_and_height_columns, find_column_unit
 from stepblocks.scans.points import make_map_from_points
@@ -205,7 +205,9 @@ def _make_scan_from_table(
     _refuse_missing_or_infinite(table, columns)
     notes = [_describe_unit_origin(axes, unit), *table.notes]
     if found.count:
-        notes.append(found.describe(table.get_column_name(columns.z) or "the heights"))
+        notes.append(
+            found.describe_missing_values(table.get_column_name(columns.z) or "the heights")
+        )
     scale = "; ".join(notes)
     if "y" in axes:
         return _make_map_of_points(axes, scale, table.source)
@@ -231,8 +233,8 @@ def _refuse_missing_or_infinite(table: NumberTable, columns: Columns) -> None:
 def _blank_missing_heights(table: NumberTable, heights: Array) -> FillFound:
     """Find the heights that stand for a missing one: as declared, or those that stand out."""
     if table.missing is None:
-        return blank_fill_values(heights)
-    return blank_fill_values(heights, table.missing.numbers)
+        return replace_fill_values_by_nan(heights)
+    return replace_fill_values_by_nan(heights, table.missing.numbers)
 
 
 def _make_map_of_points(columns_by_axis: Mapping[str, _Axis], scale: str, source: str) -> HeightMap:
@@ -373,7 +375,7 @@ def _make_map_of_matrix(table: NumberTable, stated_units: Mapping[str, StoredLen
     heights = _Axis(None, found.values.ravel(), stated_units["z"])
     notes = ["matrix with the spacing and unit given", *table.notes]
     if found.count:
-        notes.append(found.describe("the heights"))
+        notes.append(found.describe_missing_values("the heights"))
     return HeightMap(
         found.values * stated_units["z"].metres,
         stated_units["x"].metres,

@@ -14,10 +14,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stepblocks.errors import MetrologyError
-from stepblocks.files.dialect import find_quote, is_number_in_any_notation
+from stepblocks.files.dialect import find_quotation_mark, is_number_in_any_notation
 from stepblocks.files.layout import UNDECLARED, MissingValues, TableLayout
 from stepblocks.files.missing import describe_missing, is_missing_word
-from stepblocks.files.numbers import NotationError, NumberNotation, find_notation
+from stepblocks.files.numbers import NotationError, NumberNotation, find_number_notation
 from stepblocks.scans.scan import Array
 from stepblocks.scans.units import UNIT_PATTERN, UNITS_PER_METRE, StoredLength
 
@@ -151,7 +151,7 @@ class Notation:
             return math.nan
         if self.separator in (",", None) and _INNER_BLANK.search(field.strip()):
             raise ValueError(f"{field!r} is two numbers")
-        return self.numbers.parse(field)
+        return self.numbers.parse_number(field)
 
     def parse_numbers_or_none(self, fields: Iterable[str]) -> list[float] | None:
         """Read fields as numbers, nan for a missing point.
@@ -302,7 +302,7 @@ def _find_best_notation(
     begin = [line for line in lines[: _MOST_HEADER_LINES + _SAMPLED_LINES] if line.strip()]
     sample = begin[-_SAMPLED_LINES:]
     words = _get_declared_missing_words(declared)
-    quote = find_quote(sample)
+    quote = find_quotation_mark(sample)
     best: Notation | None = None
     most_rows = 0
     for separator in _list_possible_separators(declared):
@@ -356,7 +356,7 @@ def _determine_number_notation(
     if not commas:
         return notation.numbers
     try:
-        return find_notation(cells)
+        return find_number_notation(cells)
     except NotationError as error:
         raise MetrologyError(f"{error} [{source}]") from error
 

@@ -21,7 +21,7 @@ from stepblocks.contact.operating_point import WEBER_FRACTION, Tool
 from stepblocks.declaration.read import load_set
 from stepblocks.declaration.set import choose_operating_point
 from stepblocks.errors import HapticsError
-from stepblocks.files.layout import UNDECLARED, TableLayout, refuse_layout
+from stepblocks.files.layout import UNDECLARED, TableLayout, refuse_declared_layout
 from stepblocks.files.tables import load_table, read_si_columns, warn_of_notes, write_table
 from stepblocks.simulators.conditions import refuse_bad_overrides
 
@@ -196,12 +196,12 @@ def _read_record(
 ) -> _ForceRecord:
     """Read the force of a record; of an acceleration it is that on the mass that rings."""
     if isinstance(record, str | Path) and Path(record).suffix in (".h5", ".hdf5"):
-        refuse_layout(layout, f"an HDF5 file [{record}]", HapticsError)
+        refuse_declared_layout(layout, f"an HDF5 file [{record}]", HapticsError)
         force, rate = _read_motion(record, place)
         return _ForceRecord(force, rate, has_pull=True)
     source: object = place
     if isinstance(record, pd.DataFrame):
-        refuse_layout(layout, "a table in memory", HapticsError)
+        refuse_declared_layout(layout, "a table in memory", HapticsError)
         frame = record
     else:
         table = load_table(Path(record), layout=layout)

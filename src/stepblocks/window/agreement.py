@@ -139,7 +139,7 @@ def read_loop_finding(output: Path) -> LoopFinding:
     """
     path = output / RESULT_FILE
     document = read_document(
-        path, texts.LOOP_RESULT, PipelineError, most=_LARGEST_RESULT, form="JSON"
+        path, texts.LOOP_RESULT, PipelineError, most_bytes=_LARGEST_RESULT, file_format="JSON"
     )
     try:
         return _FINDING.validate_python(document)

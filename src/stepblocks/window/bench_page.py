@@ -184,11 +184,11 @@ class BenchForm:
         self._fields[setting.name] = field.classes("w-full").mark(setting.name)
 
     def _save_settings(
-        self, draft: SessionDraft, place: ui.element, check: DeclarationCheck
+        self, draft: SessionDraft, container: ui.element, check: DeclarationCheck
     ) -> None:
         """Save the settings, and say what is still wrong with the session."""
-        place.clear()
-        with place:
+        container.clear()
+        with container:
             try:
                 for setting in SETTINGS:
                     draft.write_setting(setting, str(self._fields[setting.name].value or ""))

@@ -117,10 +117,10 @@ class BuildForm:
             simulator.on_value_change(lambda event: self._show_scenes(event.value, place))
             self._show_scenes(simulator.value, place)
 
-    def _show_scenes(self, simulator: str, place: ui.element) -> None:
+    def _show_scenes(self, simulator: str, container: ui.element) -> None:
         """Show the command that writes the scenes for a simulator."""
-        place.clear()
-        with place:
+        container.clear()
+        with container:
             Runnable(make_scenes_command(self._files, simulator), self._folder, self._jobs)
 
     async def _show_changes(self) -> None:

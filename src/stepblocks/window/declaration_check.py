@@ -62,7 +62,9 @@ def read_check_result(path: Path) -> SessionCheck:
     PipelineError
         If the file is none that the check writes.
     """
-    document = read_document(path, texts.CHECK_RESULT, PipelineError, most=_LARGEST, form="JSON")
+    document = read_document(
+        path, texts.CHECK_RESULT, PipelineError, most_bytes=_LARGEST, file_format="JSON"
+    )
     try:
         return _RESULT.validate_python(document)
     except ValidationError as error:

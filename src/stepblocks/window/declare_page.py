@@ -78,17 +78,17 @@ class DeclarePage:
         if file:
             self._open_file(file, place, chosen)
 
-    def _open_file(self, name: str, place: ui.element, model: ModelChoice) -> None:
+    def _open_file(self, name: str, container: ui.element, model: ModelChoice) -> None:
         """Show the form of a file, or why it cannot be opened."""
-        place.clear()
-        with place:
+        container.clear()
+        with container:
             try:
                 path = self._folder.resolve(name.strip())
                 if path.suffix != _ENDING:
                     raise PipelineError(texts.WRONG_ENDING.format(ending=_ENDING, name=repr(name)))
                 draft = self._left.take_over_draft(path)
                 if draft is not None:
-                    self._offer_to_discard(draft, partial(self._open_file, name, place, model))
+                    self._offer_to_discard(draft, partial(self._open_file, name, container, model))
                 else:
                     draft = Draft(path)
                 with ui.column().classes("w-full") as form:

@@ -145,11 +145,11 @@ class Folder:
         return names
 
     def _walk_unlinked_paths(
-        self, folder: Path, depth: int, entered: Sequence[Kind] = ()
+        self, folder: Path, depth: int, entered_kinds: Sequence[Kind] = ()
     ) -> Iterator[Path]:
         """Yield what is in a folder and in those below it; no link, and nothing in an entry.
 
-        What lies in entries of the kinds `entered` is yielded, too.
+        What lies in entries of the kinds `entered_kinds` is yielded, too.
         """
         for path in _list_folder_sorted(folder):
             if path.name.startswith(".") or path.is_symlink():
@@ -157,8 +157,8 @@ class Folder:
             yield path
             if path.is_dir() and depth < _DEEPEST:
                 kind = _find_kind_of_folder(path)
-                if kind is None or kind in entered:
-                    yield from self._walk_unlinked_paths(path, depth + 1, entered)
+                if kind is None or kind in entered_kinds:
+                    yield from self._walk_unlinked_paths(path, depth + 1, entered_kinds)
 
 
 def _list_folder_sorted(folder: Path) -> list[Path]:

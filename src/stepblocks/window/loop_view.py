@@ -158,17 +158,17 @@ class LoopView:
         trial.on_value_change(lambda: self._show_trace(str(trial.value), place))
         chart.on_point_click(select_trial)
 
-    async def _show_trace(self, trial: str, place: ui.element) -> None:
+    async def _show_trace(self, trial: str, container: ui.element) -> None:
         """Show the trace of a trial, and the command that draws it."""
-        place.clear()
+        container.clear()
         try:
             session = self._folder.resolve(self._session)
-            image = await compute_in_background(place, draw_trial_as_data_url, session, trial)
+            image = await compute_in_background(container, draw_trial_as_data_url, session, trial)
         except StepblocksError as error:
-            with place:
+            with container:
                 show_mistake(error)
             return
-        with place:
+        with container:
             show_command(make_drawing_command(self._session, self._output, trial))
             if not image:
                 ui.label(texts.NO_TRIAL_PICTURE)

@@ -85,24 +85,24 @@ def make_part_view_in_worker(part: Part, order: OrderSpec) -> PartView:
 
 
 async def show_solid_and_drawing(
-    part: Part, order: OrderSpec, place: ui.element, is_wanted: Callable[[], bool]
+    part: Part, order: OrderSpec, container: ui.element, is_wanted: Callable[[], bool]
 ) -> None:
     """Show a part in 3-D with its drawing, or why the kernel cannot build it.
 
     `is_wanted` tells, once it is made, whether it is to be shown still.
     """
     try:
-        view = await compute_in_background(place, make_part_view_in_worker, part, order)
+        view = await compute_in_background(container, make_part_view_in_worker, part, order)
     except StepblocksError as error:
         if is_wanted():
-            place.clear()
-            with place:
+            container.clear()
+            with container:
                 show_mistake(error)
         return
     if view is None or not is_wanted():  # the window is being closed, or the part was changed
         return
-    place.clear()
-    with place:
+    container.clear()
+    with container:
         _show_scene(part, view)
         drawing = _encode_as_address(_remove_fixed_size(view.drawing).encode(), "image/svg+xml")
         image = ui.image(drawing).classes("w-full bg-white").mark("drawing")

@@ -80,7 +80,7 @@ def read_and_draw_scan(path: Path, unit: str | None, channel: str | None) -> Sca
         _draw_profile(axes, scan)
     else:
         _draw_map(figure, axes, scan)
-    _mark_edges(axes, edges)
+    _draw_edge_marks(axes, edges)
     image = encode_figure_as_data_url(figure)  # which lays the figure out, too
     places = [(1e3 * edge.position, 0.0) for edge in edges]
     columns: list[float] = []
@@ -136,7 +136,7 @@ def _draw_map(figure: "Figure", axes: "Axes", scan: "HeightMap") -> None:
     figure.colorbar(image, label=texts.AXIS_HEIGHT)
 
 
-def _mark_edges(axes: "Axes", edges: "Sequence[ScanEdge]") -> None:
+def _draw_edge_marks(axes: "Axes", edges: "Sequence[ScanEdge]") -> None:
     """Draw a line at every edge, with its number above."""
     if len(edges) > _MOST_NAMED:
         return

@@ -49,31 +49,31 @@ class SizeRange:
         """The lower end."""
         if self.grid:
             steps = math.floor((1.0 - _LOWEST) * self.value / self.grid)
-            return _round_as_written(self.value - steps * self.grid)
-        return _round_as_written(_LOWEST * self.value)
+            return _round_to_written_digits(self.value - steps * self.grid)
+        return _round_to_written_digits(_LOWEST * self.value)
 
     @property
     def high(self) -> float:
         """The upper end."""
         if self.grid:
             steps = math.ceil((_HIGHEST - 1.0) * self.value / self.grid)
-            return _round_as_written(self.value + steps * self.grid)
-        return _round_as_written(_HIGHEST * self.value)
+            return _round_to_written_digits(self.value + steps * self.grid)
+        return _round_to_written_digits(_HIGHEST * self.value)
 
     @property
     def step(self) -> float:
         """The distance of two values."""
         if self.grid:
             return self.grid
-        return _round_as_written((self.high - self.low) / _STEPS)
+        return _round_to_written_digits((self.high - self.low) / _STEPS)
 
-    def contains(self, size: "SizeRange") -> bool:
+    def contains(self, size_range: "SizeRange") -> bool:
         """Tell whether a size is in this unit, and lies within the slider."""
-        return size.unit == self.unit and self.low <= size.value <= self.high
+        return size_range.unit == self.unit and self.low <= size_range.value <= self.high
 
     def format_entry(self, value: float) -> str:
         """Write a value of the slider as the form takes it."""
-        return f"{_round_as_written(value):g} {self.unit}"
+        return f"{_round_to_written_digits(value):g} {self.unit}"
 
 
 @dataclass(frozen=True)
@@ -205,6 +205,6 @@ def _find_value_at(table: Any, keys: tuple[str | int, ...]) -> Any:
     return value
 
 
-def _round_as_written(value: float) -> float:
+def _round_to_written_digits(value: float) -> float:
     """Round to the digits that are written."""
     return float(f"{value:.{_DIGITS}g}")

@@ -38,11 +38,11 @@ class StartPage:
         content = ui.column().classes("w-full")
         self._show_entries(content)
 
-    def _show_entries(self, place: ui.element) -> None:
+    def _show_entries(self, container: ui.element) -> None:
         """Show what lies in the folder now."""
-        place.clear()
+        container.clear()
         entries = self._folder.list_entries()
-        with place:
+        with container:
             if not entries:
                 ui.label(texts.EMPTY_FOLDER)
                 for command in suggest_beginnings():

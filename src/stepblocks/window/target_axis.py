@@ -187,7 +187,7 @@ class TargetAxis:
         if self._held is None or not isinstance(share, int | float) or not math.isfinite(share):
             return
         share = min(max(float(share), 0.0), 1.0)
-        self._set_energy(self._held, self._low * (self._high / self._low) ** share)
+        self._set_target_energy(self._held, self._low * (self._high / self._low) ** share)
 
     def _release_held_target(self) -> None:
         """Let go of the target that is held."""
@@ -196,7 +196,7 @@ class TargetAxis:
             self._on_release()
 
     def _make_target_key_handler(
-        self, number: int
+        self, target_index: int
     ) -> Callable[[events.GenericEventArguments], None]:
         """Return a handler of keys at a target, which move it or take it away."""
 
@@ -204,10 +204,10 @@ class TargetAxis:
             """Take the target away, or move it by a step."""
             key = str(event.args)
             if key in _TAKE_AWAY:
-                self.remove_target(number)
-            elif key in _STEPS and number < len(self._energies):
+                self.remove_target(target_index)
+            elif key in _STEPS and target_index < len(self._energies):
                 factor = 10.0 ** (_STEPS[key] / _LEVEL)
-                self._set_energy(number, self._energies[number] * factor)
+                self._set_target_energy(target_index, self._energies[target_index] * factor)
 
         return handle_key
 
@@ -219,18 +219,18 @@ class TargetAxis:
         self._place_target_marks()
         self._on_change(self.energies)
 
-    def remove_target(self, number: int) -> None:
+    def remove_target(self, target_index: int) -> None:
         """Remove the target of a number, counted from 0; the only one stays."""
-        if len(self._energies) < 2 or number >= len(self._energies):
+        if len(self._energies) < 2 or target_index >= len(self._energies):
             return
-        self._energies = [*self._energies[:number], *self._energies[number + 1 :]]
+        self._energies = [*self._energies[:target_index], *self._energies[target_index + 1 :]]
         self._remake_target_marks()
         self._place_target_marks()
         self._on_change(self.energies)
 
-    def _set_energy(self, number: int, energy: float) -> None:
+    def _set_target_energy(self, target_index: int, energy: float) -> None:
         """Move a target to an energy [J], and report all energies to `on_change`."""
-        self._energies[number] = energy
+        self._energies[target_index] = energy
         self._place_target_marks()
         self._on_change(self.energies)
 

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from stepblocks.build.manifest import RecordedVerdict, load_record
+from stepblocks.build.manifest import RecordedVerdict, load_stimulus_record
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ def list_file_verdicts(output: Path, parts: Iterable[str]) -> list[FileVerdict]:
     """List the verdicts on the files of stimuli in an output folder; of what is not made none."""
     found = []
     for part in parts:
-        record = load_record(output / part)
+        record = load_stimulus_record(output / part)
         if record is None:
             continue
         by_file: dict[str, list[RecordedVerdict]] = {}

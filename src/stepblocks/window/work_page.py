@@ -40,21 +40,21 @@ class WorkPage:
         update()
         ui.timer(PERIOD, update)
 
-    def _add_job_view(self, job: Job, place: ui.element) -> tuple[JobView, ui.button]:
+    def _add_job_view(self, job: Job, container: ui.element) -> tuple[JobView, ui.button]:
         """Show a job above those that were started before it, with a button that runs it again."""
-        with place, ui.column().classes("w-full") as shown:
+        with container, ui.column().classes("w-full") as shown:
             show_job_heading(job)
             button = add_quiet_button(texts.RUN_AGAIN, lambda: self._run_again(job, shown))
             label = f"{texts.RUN_AGAIN}: {job.command.title}"
             button.props(f'aria-label="{escape(label)}"')
             view = JobView(job, self._folder)
-        shown.move(place, 0)
+        shown.move(container, 0)
         return view, button
 
-    def _run_again(self, job: Job, place: ui.element) -> None:
+    def _run_again(self, job: Job, container: ui.element) -> None:
         """Run the command of a job once more, or say why it cannot be started."""
         try:
             self._jobs.start_once(job.command)
         except StepblocksError as error:
-            with place:
+            with container:
                 show_mistake(error)

@@ -24,7 +24,7 @@ from stepblocks.workshop.crown_views import draw_crown_views
 from stepblocks.workshop.gauge_reach import judge_assembly_characteristics
 from stepblocks.workshop.gauge_views import draw_gauge_assembly_views
 from stepblocks.workshop.kit_views import draw_assembly_views, draw_kit_part_views
-from stepblocks.workshop.paper import Point, use_decimal_comma
+from stepblocks.workshop.paper import Point, replace_decimal_points_by_commas
 from stepblocks.workshop.rendering import FORMATS, write_sheet_files
 from stepblocks.workshop.routes import Route
 from stepblocks.workshop.sheet import Note, Sheet, UnwrittenNotes
@@ -125,7 +125,7 @@ def write_assembly_drawing(folder: Path, kit: Apparatus, order: OrderSpec) -> li
         fields = {
             "identity": kit.id.upper(),
             "material": "by the parts list",
-            "mass": use_decimal_comma(f"{grams:.4g} g"),
+            "mass": replace_decimal_points_by_commas(f"{grams:.4g} g"),
             **_list_order_fields(order),
         }
         draw_border(sheet, "Apparatus, assembly drawing", fields)
@@ -215,7 +215,7 @@ def _list_title_block_fields(part: Part, order: OrderSpec) -> dict[str, str]:
     mass = "-"
     if density is not None:
         grams = density.value * math.fsum(part.volumes()) * 1e3
-        mass = use_decimal_comma(f"{grams:.4g} g")
+        mass = replace_decimal_points_by_commas(f"{grams:.4g} g")
     return {
         "identity": part.id.upper(),
         "material": part.material.order_text,
@@ -292,7 +292,7 @@ def _describe_contact_roughness(sheet: Sheet, part: Part) -> str:
     """Say which roughness the surface has that a tip touches."""
     governing = part.governing_field.replace("_", " ")
     largest = part.face_demands["roughness"].upper
-    roughness = use_decimal_comma(f"Ra {largest * 1e6:.2f} µm")
+    roughness = replace_decimal_points_by_commas(f"Ra {largest * 1e6:.2f} µm")
     if sheet.in_inches:
         roughness = sheet.format_roughness(largest)
     return f"{roughness} or better, from the tolerance of the {governing}"

@@ -23,7 +23,7 @@ from stepblocks.workshop.paper import (
     View,
     choose_standard_scale,
     format_scale,
-    use_decimal_comma,
+    replace_decimal_points_by_commas,
 )
 from stepblocks.workshop.sheet import Note, Sheet
 
@@ -99,12 +99,14 @@ def _draw_assembly_section(sheet: Sheet, base: Body, pair: GaugePair) -> None:
     sheet.write_text((middle_x, low - 8.0), caption, alignment=Alignment.BOTTOM_CENTER)
 
 
-def _draw_cut_box(sheet: Sheet, low: Point, high: Point, hatch_degrees: float) -> None:
+def _draw_cut_box(
+    sheet: Sheet, low_corner: Point, high_corner: Point, hatch_degrees: float
+) -> None:
     """Draw a rectangle that is cut, with its hatch."""
-    left, bottom = low
-    right, top = high
-    sheet.draw_hatch([low, (right, bottom), high, (left, top)], hatch_degrees)
-    sheet.draw_rectangle(low, high)
+    left, bottom = low_corner
+    right, top = high_corner
+    sheet.draw_hatch([low_corner, (right, bottom), high_corner, (left, top)], hatch_degrees)
+    sheet.draw_rectangle(low_corner, high_corner)
 
 
 def _draw_assembly_from_above(sheet: Sheet, base: Body) -> None:
@@ -169,7 +171,7 @@ def _draw_step_detail(sheet: Sheet, block: StepBlock) -> None:
 def _draw_parts_table(sheet: Sheet, base: Body, pair: GaugePair) -> None:
     """Draw the table of the three parts with their sizes."""
     sizes = (base.length.nominal, base.width.nominal, base.thickness.nominal)
-    base_size = use_decimal_comma(" x ".join(f"{size * 1e3:.7g}" for size in sizes))
+    base_size = replace_decimal_points_by_commas(" x ".join(f"{size * 1e3:.7g}" for size in sizes))
     rows = [("no.", "part", "size")]
     rows.append(("1", "base of the material below, its top lapped", base_size))
     section = f"{SECTION_LENGTH * 1e3:g} x {SECTION_WIDTH * 1e3:g}"
@@ -214,12 +216,12 @@ def _format_symmetric_deviation(deviation: float) -> str:
 
 def _format_micrometres(length: float) -> str:
     """Write a small length [m] in micrometres."""
-    return use_decimal_comma(f"{length * 1e6:.2g} µm")
+    return replace_decimal_points_by_commas(f"{length * 1e6:.2g} µm")
 
 
 def _format_gauge_length(length: float) -> str:
     """Write the length of a gauge block [m] in millimetres, with the decimals of the set."""
-    return use_decimal_comma(format_millimetres(length, 4))
+    return replace_decimal_points_by_commas(format_millimetres(length, 4))
 
 
 def _draw_reach_table(sheet: Sheet, judged: Iterable[JudgedCharacteristic]) -> None:

@@ -11,7 +11,7 @@ from stepblocks.workshop.paper import (
     Point,
     choose_standard_scale,
     format_scale,
-    use_decimal_comma,
+    replace_decimal_points_by_commas,
 )
 from stepblocks.workshop.sheet import Sheet
 
@@ -84,7 +84,7 @@ def draw_holes_from_above(
     sheet.draw_leader(
         (x + half_spacing + 0.7 * hole, y - 0.7 * hole),
         (x + half_length + 10.0, y - 11.0),
-        use_decimal_comma(f"2 x {thread}, section C"),
+        replace_decimal_points_by_commas(f"2 x {thread}, section C"),
     )
     sheet.draw_cutting_line((x - half_length - 3.0, y), (x + half_length + 3.0, y), "C")
     _draw_hole_section(sheet, body, mounting)
@@ -258,7 +258,7 @@ def _label_thread(sheet: Sheet, section: _HoleSection, mounting: Mounting) -> No
         "thread",
         tip,
         section.text_start,
-        use_decimal_comma(f"{mounting.thread}-6H, thread {{}} deep"),
+        replace_decimal_points_by_commas(f"{mounting.thread}-6H, thread {{}} deep"),
     )
     core = f"core {sheet.format_tool_diameter(mounting.hole_diameter)}"
     sheet.write_text(

@@ -82,17 +82,17 @@ def _group_bought_components(components: Sequence[Component]) -> list[list[Compo
 
 
 def _make_component_row(
-    source: str, items: Sequence[int], parts: Sequence[Component]
+    source: str, item_numbers: Sequence[int], components: Sequence[Component]
 ) -> dict[str, object]:
     """Make a row of parts that are ordered alike."""
-    first = parts[0]
+    first = components[0]
     name, material = "", ""
     if first.is_made:
         name = first.name
         material = first.material.order_text
     return {
-        "items": " ".join(map(str, items)),
-        "count": len(parts),
+        "items": " ".join(map(str, item_numbers)),
+        "count": len(components),
         "source": source,
         "what": first.designation or first.title,
         "part": name,
@@ -115,13 +115,13 @@ def _yield_weight_rows(kit: Apparatus, item_number: int) -> Iterator[dict[str, o
         yield _make_unnumbered_row(1, what, "on the hanger of the cord")
 
 
-def _make_unnumbered_row(count: int, what: str, purpose: str) -> dict[str, object]:
+def _make_unnumbered_row(count: int, article: str, purpose: str) -> dict[str, object]:
     """Make a row of something bought that no item shows."""
     return {
         "items": "",
         "count": count,
         "source": BOUGHT,
-        "what": what,
+        "what": article,
         "part": "",
         "material": "",
         "mass_g": None,

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.files.figures import Axes, make_figure, save_figure
+from stepblocks.files.figures import Axes, make_figure_and_axes, save_figure
 from stepblocks.parts.apparatus.layout import Stage
 from stepblocks.parts.apparatus.solids import Box, Cylinder
 from stepblocks.parts.revolution import Point3
@@ -74,7 +74,7 @@ def write_stage_pictures(folder: Path, kit_name: str, stages: Sequence[Stage]) -
 
 def _write_stage_picture(path: Path, stages: Sequence[Stage], first_item: int) -> None:
     """Draw the last of several stages on the others; its items count from a number."""
-    figure, axes = make_figure(width=_SIZE, height=0.75 * _SIZE)
+    figure, axes = make_figure_and_axes(width=_SIZE, height=0.75 * _SIZE)
     for solid in _order_farthest_first(_list_painted_solids(stages)):
         _paint_faces(axes, solid)
     places: list[tuple[float, float]] = []

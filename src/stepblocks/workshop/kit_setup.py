@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 
-from stepblocks.artefacts.step.write import write_conforming
+from stepblocks.artefacts.step.write import write_conforming_step
 from stepblocks.files.atomic import replace_text
 from stepblocks.files.pages import render_page
 from stepblocks.parts.apparatus.component import Component
@@ -104,7 +104,7 @@ def write_kit_setup_sheet_and_stock(folder: Path, part: KitPart) -> list[Path]:
     replace_text(page, text)
     solid = folder / f"{part.id}.stock.step"
     name = f"{part.id}-stock"
-    write_conforming(solid, name, [(name, stock.build_solid())], part.material, [])
+    write_conforming_step(solid, name, [(name, stock.build_solid())], part.material, [])
     return [page, solid]
 
 
@@ -143,7 +143,7 @@ def _make_turning_setup(component: Component) -> SetupLine:
 
 
 def _make_milling_setup(
-    component: Component, side: Side, number: int, bores: Sequence[Cylinder]
+    component: Component, side: Side, setup_number: int, bores: Sequence[Cylinder]
 ) -> SetupLine:
     """Return the line of a setup with one side up."""
     clamping = "vice on two sides, the base or a milled side on parallels"
@@ -157,7 +157,7 @@ def _make_milling_setup(
         clamping = "vice, base down on parallels"
         work.append("mill the sides and all faces that are seen from above")
     work += [_describe_bore_work(component, bore) for bore in bores]
-    return SetupLine(number, f"{side.label} up", clamping, datum, work)
+    return SetupLine(setup_number, f"{side.label} up", clamping, datum, work)
 
 
 def _describe_bore_work(component: Component, bore: Cylinder) -> str:

@@ -17,7 +17,7 @@ from stepblocks.workshop.paper import (
     Point,
     choose_standard_scale,
     format_scale,
-    use_decimal_comma,
+    replace_decimal_points_by_commas,
 )
 from stepblocks.workshop.sheet import Sheet, UnwrittenNotes
 
@@ -116,7 +116,7 @@ def draw_kit_part_views(sheet: Sheet, part: KitPart) -> UnwrittenNotes:
         notes.append("R1 stands at rod 1, R2 at rod 2, and so on.")
     threads = sorted({bore.thread for bore in component.bores if bore.thread})
     if threads:
-        named = use_decimal_comma(", ".join(threads))
+        named = replace_decimal_points_by_commas(", ".join(threads))
         notes.append(f"Threads {named}, 6H, tapped where a bore is said to be for them.")
     return notes
 
@@ -139,7 +139,7 @@ def draw_assembly_views(paper: Paper, components: Sequence[Component]) -> None:
     for number, component in enumerate(components, start=1):
         ordered = component.material.order_text  # a number such as 1.4301 has no decimals
         if component.designation:
-            ordered = use_decimal_comma(component.designation)
+            ordered = replace_decimal_points_by_commas(component.designation)
         rows.append((str(number), component.title, ordered))
     paper.write_table(_LIST_CORNER, rows, _LIST_WIDTHS)
 

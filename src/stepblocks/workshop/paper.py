@@ -83,7 +83,7 @@ def choose_standard_scale(largest_scale: float) -> float:
     return chosen
 
 
-def use_decimal_comma(text: str) -> str:
+def replace_decimal_points_by_commas(text: str) -> str:
     """Write the decimal signs of a text as ISO 129-1 does."""
     return text.replace(".", ",")
 

@@ -287,14 +287,14 @@ def _compute_conforming_edge_share(block: StepBlock, process: Process, deviation
     """Compute the share of the edges within limits of a process that may be off by a deviation."""
     std = _convert_to_standard_deviations(process, deviation)
     height = block.height
-    share = _compute_normal_share_between(0.0, std["height"], height.lower, height.upper)
+    share = _compute_normal_probability_between(0.0, std["height"], height.lower, height.upper)
     least_radius, largest_radius = block.edge_radius.limits
     if least_radius <= 0.0:
         least_radius = -math.inf
-    share *= _compute_normal_share_between(
+    share *= _compute_normal_probability_between(
         process.edge_radius.value, std["edge_radius"], least_radius, largest_radius
     )
-    share *= _compute_normal_share_between(
+    share *= _compute_normal_probability_between(
         process.burr.value, std["burr"], -math.inf, block.face_demands["burr"].upper
     )
     return share
@@ -311,7 +311,7 @@ def _convert_to_standard_deviations(process: Process, deviation: float) -> dict[
     )
 
 
-def _compute_normal_share_between(mean: float, std: float, low: float, high: float) -> float:
+def _compute_normal_probability_between(mean: float, std: float, low: float, high: float) -> float:
     """Compute the share of a normal law between two limits; certain values are in or out."""
     if std == 0.0:
         return float(low <= mean <= high)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from stepblocks.artefacts.step.write import write_conforming
+from stepblocks.artefacts.step.write import write_conforming_step
 from stepblocks.files.atomic import replace_text
 from stepblocks.files.pages import render_page
 from stepblocks.parts.body import Block
@@ -115,7 +115,7 @@ def write_setup_sheet_and_stock(
     replace_text(page, _render_setup_sheet(block, routes, pair))
     stock = folder / f"{block.id}.stock.step"
     name = f"{block.id}-stock"
-    write_conforming(stock, name, [(name, build_stock_solid(block))], block.material, [])
+    write_conforming_step(stock, name, [(name, build_stock_solid(block))], block.material, [])
     return [page, stock]
 
 

@@ -30,8 +30,8 @@ from stepblocks.workshop.paper import (
     Layer,
     Paper,
     Point,
+    replace_decimal_points_by_commas,
     shift_points,
-    use_decimal_comma,
 )
 
 # strokes of the symbols in tolerance frames (ISO 1101), from the lower left corner of their cell
@@ -89,7 +89,7 @@ class _Leader:
     alignment: Alignment
 
     @classmethod
-    def between(cls, tip: Point, elbow: Point) -> "_Leader":
+    def between_points(cls, tip: Point, elbow: Point) -> "_Leader":
         """Place a leader from a text at `elbow` to `tip`, its shelf away from the tip."""
         elbow_x, y = elbow
         side = 1.0
@@ -149,44 +149,44 @@ class Sheet(Paper):
         """Format a length and its deviations [m] as on a drawing."""
         if self.in_inches:
             return convert_to_inches_inward(nominal, lower, upper).format_with_deviations()
-        return use_decimal_comma(format_size_with_deviations(nominal, lower, upper))
+        return replace_decimal_points_by_commas(format_size_with_deviations(nominal, lower, upper))
 
     def format_largest(self, length: float) -> str:
         """Format the largest length [m] that is permitted."""
         if self.in_inches:
             return format_largest_in_inches(length)
-        return use_decimal_comma(f"{length * 1e3:.3g}")
+        return replace_decimal_points_by_commas(f"{length * 1e3:.3g}")
 
     def format_least(self, length: float) -> str:
         """Format the least length [m] that is permitted."""
         if self.in_inches:
             return format_least_in_inches(length)
-        return use_decimal_comma(f"{length * 1e3:.3g}")
+        return replace_decimal_points_by_commas(f"{length * 1e3:.3g}")
 
     def format_distance(self, length: float) -> str:
         """Format a distance without a tolerance of its own [m]."""
         if self.in_inches:
             return format_inches(length / INCH, 3)
-        return use_decimal_comma(f"{length * 1e3:g}")
+        return replace_decimal_points_by_commas(f"{length * 1e3:g}")
 
     def format_tool_diameter(self, diameter: float) -> str:
         """Format the diameter of a tool [m], which is metric on either drawing."""
         size = f"⌀{diameter * 1e3:g}"
         if self.in_inches:
             return f"{size} mm"
-        return use_decimal_comma(size)
+        return replace_decimal_points_by_commas(size)
 
     def format_roughness(self, largest: float) -> str:
         """Format the largest roughness Ra [m]."""
         if self.in_inches:
             return f"Ra {format_largest_roughness_in_microinches(largest)} µin"
-        return use_decimal_comma(f"Ra {largest * 1e6:g}")
+        return replace_decimal_points_by_commas(f"Ra {largest * 1e6:g}")
 
     def convert_decimal_signs(self, text: str) -> str:
         """Write the decimal signs of a text as the standard of the drawing does."""
         if self.in_inches:
             return text
-        return use_decimal_comma(text)
+        return replace_decimal_points_by_commas(text)
 
     def write_text(
         self,
@@ -358,14 +358,14 @@ class Sheet(Paper):
 
     def draw_leader(self, tip: Point, elbow: Point, text: str) -> None:
         """Draw an arrow to `tip` from a text at `elbow`."""
-        leader = _Leader.between(tip, elbow)
+        leader = _Leader.between_points(tip, elbow)
         self.draw_pointer(leader.shelf, elbow, tip)
         self.write_text(leader.text, text, alignment=leader.alignment)
 
     def draw_characteristic_leader(self, key: str, tip: Point, elbow: Point, template: str) -> None:
         """Draw a leader that states a characteristic; ``{}`` in `template` are its limits."""
         text = template.format(self.format_characteristic_limits(key))
-        leader = _Leader.between(tip, elbow)
+        leader = _Leader.between_points(tip, elbow)
         self.draw_pointer(leader.shelf, elbow, tip)
         self.write_characteristic_text(key, leader.text, text, leader.alignment)
         shelf_x, y = leader.shelf
@@ -409,7 +409,7 @@ class Sheet(Paper):
         """Format the zone of a geometric tolerance [m]."""
         if self.in_inches:
             return format_largest_in_inches(zone)
-        return use_decimal_comma(format_zone(zone))
+        return replace_decimal_points_by_commas(format_zone(zone))
 
     def draw_pointer_to_face(self, tip: Point, start: Point) -> None:
         """Draw a pointer from the left side of a frame along it, then straight to a face."""

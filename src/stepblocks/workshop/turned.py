@@ -16,7 +16,7 @@ from stepblocks.workshop.paper import (
     View,
     choose_standard_scale,
     format_scale,
-    use_decimal_comma,
+    replace_decimal_points_by_commas,
 )
 from stepblocks.workshop.sheet import Sheet, UnwrittenNotes
 
@@ -61,7 +61,9 @@ def _describe_shank(sheet: Sheet, tip: StraightTip) -> list[str]:
     if not source:
         return []
     number = sheet.listed["shank_diameter"].number
-    lines = wrap(f"Shank ({number}): {use_decimal_comma(source.rstrip('.'))}.", _NOTE_WIDTH)
+    lines = wrap(
+        f"Shank ({number}): {replace_decimal_points_by_commas(source.rstrip('.'))}.", _NOTE_WIDTH
+    )
     if _SHANKS in source:
         lines.append(_NO_LATCH)
     return lines
@@ -245,9 +247,9 @@ def draw_sheath_views(sheet: Sheet, sheath: Sheath) -> UnwrittenNotes:
     _draw_sheath_dimensions(sheet, sheath, view)
     _draw_sheath_end(sheet, sheath, view)
     lightest, heaviest = sheath.mass_limits
-    mass = use_decimal_comma(format_mass(sheath.mass))
-    least = use_decimal_comma(format_mass(lightest))
-    largest = use_decimal_comma(format_mass(heaviest))
+    mass = replace_decimal_points_by_commas(format_mass(sheath.mass))
+    least = replace_decimal_points_by_commas(format_mass(lightest))
+    largest = replace_decimal_points_by_commas(format_mass(heaviest))
     return [
         f"Mass {mass}, {least} to {largest} within the limits.",
         f"Weigh the made parts; a pair must agree within {MASS_MATCH:.0%}.",

@@ -102,7 +102,7 @@ class MeshMeasures:
         has_neighbour = np.isin(keys, backward)
         return int(np.count_nonzero(~has_neighbour | (counts != 1)))
 
-    def count_turned_normals(self, normals: Floats) -> int:
+    def count_inward_normals(self, normals: Floats) -> int:
         """Count the stated normals, shape (m, 3) or (0, 3), that oppose the order of the corners.
 
         Where none is stated, it is zero, and none is counted.
@@ -111,12 +111,12 @@ class MeshMeasures:
             return 0
         return int(np.count_nonzero((normals * self._planes.normals).sum(axis=1) < 0.0))
 
-    def measure_face_height_beside(self, edge: float, side: int) -> float:
+    def measure_face_height_beside(self, edge_x: float, side: int) -> float:
         """Measure the height of the level face beside a line across x [m].
 
         Parameters
         ----------
-        edge : float
+        edge_x : float
             Where the line lies [m].
         side : {1, -1}
             1 for the face to the right of the line, -1 for the face to the left.
@@ -128,7 +128,7 @@ class MeshMeasures:
         """
         x = self.vertices[self.triangles, 0]
         z = self.vertices[self.triangles, 2]
-        nearest = (side * (x - edge)).min(axis=1)
+        nearest = (side * (x - edge_x)).min(axis=1)
         touches = (nearest > -_ON_EDGE) & (nearest < _ON_EDGE)
         chosen = self._is_upward & touches
         if not chosen.any():
@@ -136,14 +136,14 @@ class MeshMeasures:
         heights = z[chosen].mean(axis=1)
         return float(np.average(heights, weights=self._planes.areas[chosen]))
 
-    def find_level_face_start(self, level: float, within: float = _ON_LEVEL) -> float:
+    def find_level_face_start(self, level: float, tolerance: float = _ON_LEVEL) -> float:
         """Find where the level face that reaches the right end of a block begins [m].
 
         Parameters
         ----------
         level : float
             Its height [m].
-        within : float, optional
+        tolerance : float, optional
             How far from that height its vertices may lie [m].
 
         Returns
@@ -154,7 +154,7 @@ class MeshMeasures:
         from trimesh.graph import connected_component_labels
 
         off = np.abs(self.vertices[self.triangles, 2] - level).max(axis=1)
-        chosen = self.triangles[self._is_upward & (off < within)]
+        chosen = self.triangles[self._is_upward & (off < tolerance)]
         if not len(chosen):
             return math.nan
         count = len(self.vertices)
@@ -192,18 +192,20 @@ class MeshMeasures:
             return math.nan
         return float(np.average(x[chosen], weights=self._planes.areas[chosen]))
 
-    def fit_sphere(self, radius: float, below: float) -> SphereFit:
+    def fit_sphere(self, radius: float, ball_end_height: float) -> SphereFit:
         """Fit the ball of a tip on the z axis.
 
         Parameters
         ----------
         radius : float
             The radius that was asked for [m]; the ball stands on z = 0.
-        below : float
+        ball_end_height : float
             Height at which the ball ends [m].
         """
-        is_of_ball = (self.vertices[:, 2] <= below + _ROUNDING) & (self.radii < _NEAR_BALL * radius)
-        fitted, form = fit_sphere_radius(self.vertices[is_of_ball])
+        is_of_ball = (self.vertices[:, 2] <= ball_end_height + _ROUNDING) & (
+            self.radii < _NEAR_BALL * radius
+        )
+        fitted, form = fit_sphere_radius_and_form(self.vertices[is_of_ball])
         is_on_ball = is_of_ball[self.triangles].all(axis=1)
         if not is_on_ball.any():
             return SphereFit(fitted, form, math.nan)
@@ -223,7 +225,7 @@ class MeshMeasures:
         return float(max(farthest, 0.0))
 
 
-def fit_sphere_radius(vertices: Floats) -> tuple[float, float]:
+def fit_sphere_radius_and_form(vertices: Floats) -> tuple[float, float]:
     """Fit the least-squares sphere through the vertices of a tip's ball.
 
     Parameters

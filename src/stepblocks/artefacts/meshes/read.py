@@ -43,7 +43,7 @@ def _read_stl_or_obj(path: Path) -> MeshArrays:
     return MeshArrays(mesh.vertices * _MM, mesh.triangles, mesh.normals)
 
 
-def _read_with_meshio(path: Path) -> MeshArrays:
+def _read_ply_with_meshio(path: Path) -> MeshArrays:
     """Read PLY, in millimetres."""
     import meshio
 
@@ -60,7 +60,7 @@ def _read_with_meshio(path: Path) -> MeshArrays:
     return MeshArrays(vertices, triangles, normals)
 
 
-def _read_with_vtk(path: Path) -> MeshArrays:
+def _read_glb_with_vtk(path: Path) -> MeshArrays:
     """Read GLB, in metres and y up."""
     import pyvista as pv
 
@@ -75,7 +75,7 @@ def _read_with_vtk(path: Path) -> MeshArrays:
     return MeshArrays(vertices, np.asarray(mesh.regular_faces, dtype=np.int64))
 
 
-def _read_with_lib3mf(path: Path) -> MeshArrays:
+def _read_3mf_with_lib3mf(path: Path) -> MeshArrays:
     """Read the first mesh of a 3MF."""
     try:
         from lib3mf import Lib3MF, get_wrapper
@@ -98,10 +98,10 @@ def _read_with_lib3mf(path: Path) -> MeshArrays:
 
 MESH_READERS: dict[str, Callable[[Path], MeshArrays]] = {
     ".stl": _read_stl_or_obj,
-    ".ply": _read_with_meshio,
+    ".ply": _read_ply_with_meshio,
     ".obj": _read_stl_or_obj,
-    ".glb": _read_with_vtk,
-    ".3mf": _read_with_lib3mf,
+    ".glb": _read_glb_with_vtk,
+    ".3mf": _read_3mf_with_lib3mf,
 }
 
 
@@ -138,7 +138,7 @@ def has_finite_triangles(mesh: MeshArrays) -> bool:
     return bool(np.isfinite(mesh.vertices).all())
 
 
-def read_pieces(path: Path) -> list[MeshArrays]:
+def read_convex_pieces(path: Path) -> list[MeshArrays]:
     """Read an OBJ of several objects.
 
     Raises
@@ -160,7 +160,7 @@ def read_pieces_in_worker(path: Path) -> dict[str, object]:
     _, *objects = path.read_text(encoding="ascii").split("\no ")
     for number, text in enumerate(objects):
         _, *lines = text.splitlines()
-        mesh = _read_object(lines, vertices_before)
+        mesh = _read_obj_object(lines, vertices_before)
         vertices_before += len(mesh.vertices)
         content[f"vertices {number}"] = mesh.vertices
         content[f"triangles {number}"] = mesh.triangles
@@ -170,7 +170,7 @@ def read_pieces_in_worker(path: Path) -> dict[str, object]:
     return content
 
 
-def _read_object(lines: Sequence[str], vertices_before: int) -> MeshArrays:
+def _read_obj_object(lines: Sequence[str], vertices_before: int) -> MeshArrays:
     """Read one of several objects in an OBJ, which counts the vertices of all from 1.
 
     meshio would join the objects.

@@ -44,10 +44,10 @@ def write_stl(path: Path, mesh: Mesh) -> None:
     path.write_bytes(_build_trimesh(mesh, _MM).export(file_type="stl"))
 
 
-def write_obj(path: Path, mesh: Mesh, *, normals: bool = False) -> None:
+def write_obj(path: Path, mesh: Mesh, *, include_normals: bool = False) -> None:
     """Write OBJ in millimetres with 12 decimals, which is a femtometre."""
     text = _build_trimesh(mesh, _MM).export(
-        file_type="obj", digits=12, include_normals=normals, header=f"{mesh.name}, mm"
+        file_type="obj", digits=12, include_normals=include_normals, header=f"{mesh.name}, mm"
     )
     path.write_text(text + "\n", encoding="ascii", newline="\n")
 
@@ -60,10 +60,10 @@ def write_ply(path: Path, mesh: Mesh) -> None:
 def write_3mf(path: Path, mesh: Mesh) -> None:
     """Write 3MF in millimetres, decimal text, its random identifiers replaced by counted ones."""
     exported = _build_trimesh(mesh, _MM).export(file_type="3mf")
-    path.write_bytes(pin_archive_times(exported, _number_identifiers))
+    path.write_bytes(pin_archive_times(exported, _replace_identifiers_by_numbers))
 
 
-def _number_identifiers(text: bytes) -> bytes:
+def _replace_identifiers_by_numbers(text: bytes) -> bytes:
     """Replace random identifiers by numbers, in the order of their first occurrence."""
     identifiers = dict.fromkeys(_IDENTIFIER.findall(text))
     for number, identifier in enumerate(identifiers, start=1):
@@ -90,7 +90,7 @@ if find_spec("lib3mf") is None:  # what cannot be read back is not written
     del MESH_FORMATS[".3mf"]
 
 
-def write_pieces(path: Path, pieces: Sequence[Mesh]) -> None:
+def write_convex_pieces(path: Path, pieces: Sequence[Mesh]) -> None:
     """Write convex pieces as one OBJ in millimetres, an object per piece."""
     lines = ["# convex pieces, mm"]
     first_vertex = 1

@@ -33,7 +33,7 @@ class Box(NamedTuple):
     high: NDArray[np.float64]
 
 
-def measure_box(faces: Sequence[door.Face]) -> Box:
+def compute_bounding_box(faces: Sequence[door.Face]) -> Box:
     """Measure the box that holds all faces of a part."""
     low = np.min([face.low for face in faces], axis=0)
     return Box(low, np.max([face.high for face in faces], axis=0))
@@ -41,7 +41,7 @@ def measure_box(faces: Sequence[door.Face]) -> Box:
 
 def make_callout(
     characteristic: Characteristic,
-    number: int,
+    characteristic_number: int,
     row_from_below: int,
     box: Box,
     target: door.Face,
@@ -52,7 +52,7 @@ def make_callout(
     ----------
     characteristic : Characteristic
         What it states.
-    number : int
+    characteristic_number : int
         Its number on all papers.
     row_from_below : int
         Which of the callouts, from below.
@@ -61,23 +61,25 @@ def make_callout(
     target : Face
         The face to which its leader points.
     """
-    text = format_callout(characteristic, number)
-    outlines, leader = draw_callout(text, row_from_below, box, target)
+    text = format_callout(characteristic, characteristic_number)
+    outlines, leader = outline_callout(text, row_from_below, box, target)
     return pmi.Callout(text.replace("±", "+-"), outlines, leader)  # Part 21 holds ASCII
 
 
-def format_callout(characteristic: Characteristic, number: int) -> str:
+def format_callout(characteristic: Characteristic, characteristic_number: int) -> str:
     """Write number, name and limits of a characteristic."""
     if characteristic.kind in ("flatness", "parallelism"):
-        return f"{number}  {characteristic.label} {format_zone(characteristic.upper)}"
+        return (
+            f"{characteristic_number}  {characteristic.label} {format_zone(characteristic.upper)}"
+        )
     limits = format_size_with_deviations(
         characteristic.nominal, characteristic.lower, characteristic.upper, characteristic.quantity
     )
     sign = _SIGNS.get(characteristic.kind, "")
-    return f"{number}  {characteristic.label} {sign}{limits.replace('°', ' deg')}"
+    return f"{characteristic_number}  {characteristic.label} {sign}{limits.replace('°', ' deg')}"
 
 
-def draw_callout(
+def outline_callout(
     text: str, row_from_below: int, box: Box, target: door.Face
 ) -> tuple[tuple[Outline, ...], Line]:
     """Draw a text in the plane before the front of a part, and a leader to a face.
@@ -110,12 +112,12 @@ def draw_callout(
 
 
 @lru_cache(maxsize=_MOST_TEXTS)
-def _outline_text(text: str, size: float, left_middle: Point) -> tuple[Outline, ...]:
+def _outline_text(text: str, text_height: float, left_middle: Point) -> tuple[Outline, ...]:
     """Outline a text along x, of a height, by the middle of its left end [m]."""
     left, y, middle_z = left_middle
-    middle = left + 0.5 * compute_text_width(text, size)
+    middle = left + 0.5 * compute_text_width(text, text_height)
     outlines = []
-    for ring in itertools.chain.from_iterable(outline_centred_text(text, size)):
+    for ring in itertools.chain.from_iterable(outline_centred_text(text, text_height)):
         outline = np.full((len(ring), 3), y)
         outline[:, 0] = middle + ring[:, 0]
         outline[:, 2] = middle_z + ring[:, 1]

@@ -94,13 +94,13 @@ class Characteristic:
         return int(self.ref[1:])
 
 
-def choose_display_unit(angular: bool) -> DisplayUnit:
+def choose_display_unit(is_angle: bool) -> DisplayUnit:
     """Return the unit in which an angle or a length is shown."""
-    return DEGREE if angular else MILLIMETRE
+    return DEGREE if is_angle else MILLIMETRE
 
 
-def read_optional_text(value: object) -> str:
+def read_optional_text(parameter: object) -> str:
     """Return a text parameter; empty where the file leaves it out."""
-    if value is None or value in ("$", "*"):
+    if parameter is None or parameter in ("$", "*"):
         return ""
-    return str(value)
+    return str(parameter)

@@ -12,11 +12,15 @@ from pydantic import TypeAdapter
 
 from stepblocks.artefacts.step.characteristic import Characteristic, Problem
 from stepblocks.artefacts.step.dimensions import list_dimensions
-from stepblocks.artefacts.step.exchange import Exchange, read_exchange
-from stepblocks.artefacts.step.faces import find_faces
+from stepblocks.artefacts.step.exchange import Exchange, read_exchange_file
+from stepblocks.artefacts.step.faces import find_surfaces_of_aspect
 from stepblocks.artefacts.step.tolerances import list_tolerances
-from stepblocks.artefacts.step.units import find_mistyped_measures, read_densities, read_measure
-from stepblocks.artefacts.step.vertices import find_vertices_off_edges
+from stepblocks.artefacts.step.units import (
+    list_mistyped_measures,
+    read_densities_and_faults,
+    read_measure,
+)
+from stepblocks.artefacts.step.vertices import list_vertices_off_edges
 from stepblocks.errors import MetrologyError
 from stepblocks.files.confined import read_confined
 from stepblocks.files.pages import render_page
@@ -111,29 +115,29 @@ def check_step(path: str | Path, *, require_ap242: bool = False) -> StepReport:
     found = read_confined(
         f"{__name__}:check_step_in_worker", Path(path), require_ap242, raises=MetrologyError
     )
-    return _build_report_reader().validate_python(found)
+    return _build_report_validator().validate_python(found)
 
 
 @cache
-def _build_report_reader() -> TypeAdapter[StepReport]:
+def _build_report_validator() -> TypeAdapter[StepReport]:
     """Build what turns the answer of the confined process into a report, on first use."""
     return TypeAdapter(StepReport)
 
 
 def check_step_in_worker(path: Path, require_ap242: bool) -> dict[str, object]:
     """Check a file; returns the fields of a `StepReport`, runs in the confined process."""
-    file = read_exchange(path)
-    densities, wrong_densities = read_densities(file)
+    file = read_exchange_file(path)
+    densities, wrong_densities = read_densities_and_faults(file)
     dimensions = list_dimensions(file)
     tolerances = list_tolerances(file)
-    findings = [*find_mistyped_measures(file), *wrong_densities]
+    findings = [*list_mistyped_measures(file), *wrong_densities]
     if require_ap242 and not _is_ap242(file):
         findings.append(f"FILE_SCHEMA: must be AP242, got {', '.join(file.schema) or 'nothing'}")
     for dimension in dimensions:
         findings += _yield_dimension_faults(dimension)
     for tolerance in tolerances:
         findings += _yield_tolerance_faults(tolerance, require_ap242)
-    findings += find_vertices_off_edges(file)
+    findings += list_vertices_off_edges(file)
     report = StepReport(
         name=file.name,
         schema=file.schema,
@@ -190,21 +194,21 @@ def _yield_tolerance_faults(tolerance: Characteristic, require_face: bool) -> It
 
 def _yield_textures(file: Exchange) -> Iterator[Texture]:
     """Yield the surface textures that are stated, one for each face."""
-    for _, parameters in file.find_instances("PROPERTY_DEFINITION_REPRESENTATION"):
+    for _, parameters in file.yield_instances("PROPERTY_DEFINITION_REPRESENTATION"):
         definition, representation = parameters[:2]
         defined = file.get_parameters(definition, "PROPERTY_DEFINITION")
         if not defined or defined[0] != "surface texture":
             continue
         _, _, owner = defined
-        for item in _yield_items(file, representation):
+        for item in _yield_representation_items(file, representation):
             measure = read_measure(file, item)
             if measure is None:
                 continue
-            for face in find_faces(file, owner):
+            for face in find_surfaces_of_aspect(file, owner):
                 yield Texture(face.ref, measure.si)
 
 
-def _yield_items(file: Exchange, representation: object) -> Iterator[object]:
+def _yield_representation_items(file: Exchange, representation: object) -> Iterator[object]:
     """Yield the items of a representation; empty where the reference is not one."""
     parameters = file.get_parameters(representation, "REPRESENTATION")
     if len(parameters) > 1:
@@ -213,10 +217,10 @@ def _yield_items(file: Exchange, representation: object) -> Iterator[object]:
 
 def _yield_material_names(file: Exchange) -> Iterator[str]:
     """Yield the names of materials that a file states."""
-    for ref, parameters in file.find_instances("REPRESENTATION"):
+    for ref, parameters in file.yield_instances("REPRESENTATION"):
         if len(parameters) != 3 or "material name" not in str(parameters[0]).lower():
             continue
-        for item in _yield_items(file, ref):
+        for item in _yield_representation_items(file, ref):
             yield from map(str, file.get_parameters(item, "DESCRIPTIVE_REPRESENTATION_ITEM")[:1])
 
 

@@ -83,12 +83,12 @@ _DENSITY = (
 _WORKING_FACES = 2  # whose flatness stands before that of the base
 
 
-def make_conforming(
+def repair_step_text(
     text: str,
     identity: str,
     names: Sequence[tuple[str, str]] = (),
     notes: Sequence[tuple[str, str]] = (),
-    texture: float | None = None,
+    roughness: float | None = None,
     order: OrderSpec = NO_ORDER,
 ) -> str:
     """Repair the text of a file of the kernel, and add what the kernel does not write.
@@ -103,7 +103,7 @@ def make_conforming(
         Kind and name of each dimension, in the order in which they were given to the kernel.
     notes : sequence of (str, str)
         Name and text of each requirement that no face carries.
-    texture : float, optional
+    roughness : float, optional
         Largest Ra of the working faces [m].
     order : OrderSpec, optional
         What the header states of author, owner, approval, date and revision.
@@ -118,18 +118,18 @@ def make_conforming(
     MachiningError
         If the text lacks its header, a dimension, or what a note or a texture belongs to.
     """
-    head, section, tail = _split_file(_replace_file_name_record(text, identity, order))
+    head, section, tail = _split_at_data_section(_replace_file_name_record(text, identity, order))
     data = _read_instances(section)
-    _draw_in_black(data)
-    _correct_measures(data)
+    _recolour_callouts_black(data)
+    _correct_measure_types(data)
     _name_dimensions(data, names, identity)
-    _number_components(data)
-    _state_revision(data, order.revision)
-    _correct_density(data)
+    _renumber_components(data)
+    _write_revision_of_products(data, order.revision)
+    _correct_density_unit(data)
     for name, value in notes:
-        _add_note(data, name, value, identity)
-    if texture is not None:
-        _add_texture(data, texture, identity)
+        _add_note_to_product(data, name, value, identity)
+    if roughness is not None:
+        _add_surface_texture(data, roughness, identity)
     instances = "".join([f"{ref} = {body};\n" for ref, body in data.bodies.items()])
     return f"{head}DATA;\n{instances}ENDSEC;{tail}"
 
@@ -150,7 +150,7 @@ def _replace_file_name_record(text: str, identity: str, order: OrderSpec) -> str
     return text[: stated.start()] + header + text[stated.end() :]
 
 
-def _split_file(text: str) -> tuple[str, str, str]:
+def _split_at_data_section(text: str) -> tuple[str, str, str]:
     """Split a file into what stands before, in and after its data section."""
     head, _, content = text.partition("DATA;")
     section, _, tail = content.rpartition("ENDSEC;")
@@ -158,7 +158,7 @@ def _split_file(text: str) -> tuple[str, str, str]:
 
 
 @dataclass
-class _Data:
+class _DataInstances:
     """The instances of a file.
 
     Attributes
@@ -177,18 +177,18 @@ class _Data:
     by_entity: dict[str, list[str]] = field(default_factory=dict)
     last: int = 0
 
-    def list_simple(self, entity: str) -> list[str]:
+    def list_instances_of(self, entity: str) -> list[str]:
         """List the instances of one entity."""
         return self.by_entity.get(entity, [])
 
-    def find_complex(self, pattern: re.Pattern[str]) -> str | None:
+    def find_complex_instance(self, pattern: re.Pattern[str]) -> str | None:
         """Find the first instance of several entities in which a pattern occurs."""
-        for ref in self.list_simple(""):
+        for ref in self.list_instances_of(""):
             if pattern.search(self.bodies[ref]):
                 return ref
         return None
 
-    def append(self, body: str) -> str:
+    def append_instance(self, body: str) -> str:
         """Add an instance under the next number; return its reference."""
         self.last += 1
         ref = f"#{self.last}"
@@ -196,9 +196,9 @@ class _Data:
         return ref
 
 
-def _read_instances(section: str) -> _Data:
+def _read_instances(section: str) -> _DataInstances:
     """Read the instances of a data section, by reference and by entity."""
-    data = _Data()
+    data = _DataInstances()
     last = ""
     for run, ref, body, entity in _RUN_OR_INSTANCE.findall(section):
         last = run or ref
@@ -213,26 +213,28 @@ def _read_instances(section: str) -> _Data:
     return data
 
 
-def _draw_in_black(data: _Data) -> None:
+def _recolour_callouts_black(data: _DataInstances) -> None:
     """Draw callouts in black: in the kernel's white they cannot be seen on paper."""
-    for ref in data.list_simple("DRAUGHTING_PRE_DEFINED_COLOUR"):
+    for ref in data.list_instances_of("DRAUGHTING_PRE_DEFINED_COLOUR"):
         data.bodies[ref] = data.bodies[ref].replace("('white')", "('black')")
 
 
-def _correct_measures(data: _Data) -> None:
+def _correct_measure_types(data: _DataInstances) -> None:
     """Give every measure a type that fits its unit and value."""
-    angle_units = {ref for ref in data.list_simple("") if "PLANE_ANGLE_UNIT" in data.bodies[ref]}
+    angle_units = {
+        ref for ref in data.list_instances_of("") if "PLANE_ANGLE_UNIT" in data.bodies[ref]
+    }
     for entity, refs in data.by_entity.items():
         if entity and not entity.endswith(_MEASURE):
             continue
         for ref in refs:
             if _MEASURE in data.bodies[ref]:
-                data.bodies[ref] = _correct_measure(data.bodies[ref], angle_units)
+                data.bodies[ref] = _correct_measure_type(data.bodies[ref], angle_units)
 
 
-def _correct_measure(body: str, angle_units: set[str]) -> str:
+def _correct_measure_type(instance_body: str, angle_units: set[str]) -> str:
     """Correct a measure: its limits get types, a zero is not typed as a positive length."""
-    flat = _LINE_BREAK.sub("", body)
+    flat = _LINE_BREAK.sub("", instance_body)
     limit = _LIMIT.fullmatch(flat)
     if limit is not None:
         value, unit = limit.groups()
@@ -243,15 +245,15 @@ def _correct_measure(body: str, angle_units: set[str]) -> str:
     if "POSITIVE_LENGTH_MEASURE(" in flat:
         # a nominal of zero (a sharp edge, flush faces) is a length, but no positive one
         return _POSITIVE_ZERO.sub("LENGTH_MEASURE(0.)", flat)
-    return body
+    return instance_body
 
 
-def _name_dimensions(data: _Data, names: Sequence[tuple[str, str]], identity: str) -> None:
+def _name_dimensions(data: _DataInstances, names: Sequence[tuple[str, str]], identity: str) -> None:
     """Put the names of dimensions where the kernel leaves their descriptions out."""
     missing: list[str] = []
     for entity, kinds in _DESCRIBED_KINDS.items():
         pending = [name for kind, name in names if kind in kinds]
-        for ref in data.list_simple(entity):
+        for ref in data.list_instances_of(entity):
             if not pending:
                 break
             flat = _LINE_BREAK.sub("", data.bodies[ref])
@@ -266,73 +268,73 @@ def _name_dimensions(data: _Data, names: Sequence[tuple[str, str]], identity: st
         )
 
 
-def _number_components(data: _Data) -> None:
+def _renumber_components(data: _DataInstances) -> None:
     """Set the numbers of the components of an assembly, from 1.
 
     The kernel counts on over all files that a process writes, and ends a line by how long its
     number is.
     """
-    for number, ref in enumerate(data.list_simple("NEXT_ASSEMBLY_USAGE_OCCURRENCE"), start=1):
+    for number, ref in enumerate(data.list_instances_of("NEXT_ASSEMBLY_USAGE_OCCURRENCE"), start=1):
         flat = _LINE_BREAK.sub("", data.bodies[ref])
         data.bodies[ref] = _OCCURRENCE.sub(rf"\g<1>'{number}'", flat)
 
 
-def _state_revision(data: _Data, revision: str) -> None:
+def _write_revision_of_products(data: _DataInstances, revision: str) -> None:
     """State the revision of every product, where there is one."""
     if not revision:
         return
-    for ref in data.list_simple("PRODUCT_DEFINITION_FORMATION"):
+    for ref in data.list_instances_of("PRODUCT_DEFINITION_FORMATION"):
         begin, _, end = data.bodies[ref].split("'", 2)
         data.bodies[ref] = f"{begin}{quote_string(revision)}{end}"
 
 
-def _correct_density(data: _Data) -> None:
+def _correct_density_unit(data: _DataInstances) -> None:
     """Write mass^1 length^-3 for the unit of density; the kernel writes mass^3 length^2."""
-    elements = data.list_simple("DERIVED_UNIT_ELEMENT")
+    elements = data.list_instances_of("DERIVED_UNIT_ELEMENT")
     for ref, element in zip(elements, itertools.cycle(_DENSITY), strict=False):
         (unit, *_) = _REFERENCE.findall(data.bodies[ref])
         data.bodies[ref] = f"DERIVED_UNIT_ELEMENT({unit},{element.power})"
         data.bodies[unit] = element.unit
 
 
-def _add_note(data: _Data, name: str, value: str, identity: str) -> None:
+def _add_note_to_product(data: _DataInstances, name: str, value: str, identity: str) -> None:
     """Add a requirement without a face: a property of the product, which every reader shows."""
-    products = data.list_simple("PRODUCT_DEFINITION")[:1]
-    context = data.find_complex(_SPACE_OF_SHAPE)
+    products = data.list_instances_of("PRODUCT_DEFINITION")[:1]
+    context = data.find_complex_instance(_SPACE_OF_SHAPE)
     if not products or context is None:
         raise MachiningError(f"notes must have a product to belong to [{identity}]")
-    item = data.append(f"DESCRIPTIVE_REPRESENTATION_ITEM('{name}','{value}')")
-    shown = data.append(f"REPRESENTATION('{name}',({item}),{context})")
-    _define_property(data, "requirement", name, products, shown)
+    item = data.append_instance(f"DESCRIPTIVE_REPRESENTATION_ITEM('{name}','{value}')")
+    shown = data.append_instance(f"REPRESENTATION('{name}',({item}),{context})")
+    _add_property(data, "requirement", name, products, shown)
 
 
-def _add_texture(data: _Data, texture: float, identity: str) -> None:
+def _add_surface_texture(data: _DataInstances, largest_roughness: float, identity: str) -> None:
     """Add the surface texture of the working faces, of which each has a flatness."""
     faces = []
-    for ref in data.list_simple("FLATNESS_TOLERANCE")[:_WORKING_FACES]:
+    for ref in data.list_instances_of("FLATNESS_TOLERANCE")[:_WORKING_FACES]:
         *_, face = _REFERENCE.findall(data.bodies[ref])
         faces.append(face)
-    context = data.find_complex(_SPACE_OF_SHAPE)
+    context = data.find_complex_instance(_SPACE_OF_SHAPE)
     if not faces or context is None:
         raise MachiningError(
             f"surface texture must have faces with a flatness tolerance, got none [{identity}]"
         )
-    millimetre = data.find_complex(_MILLIMETRE) or ""
-    roughness = np.format_float_positional(texture * 1e3, 12, fractional=False, trim=".")
-    item = data.append(
+    millimetre = data.find_complex_instance(_MILLIMETRE) or ""
+    roughness = np.format_float_positional(largest_roughness * 1e3, 12, fractional=False, trim=".")
+    item = data.append_instance(
         f"MEASURE_REPRESENTATION_ITEM('Ra',LENGTH_MEASURE({roughness}),{millimetre})"
     )
-    shown = data.append(f"REPRESENTATION('surface texture',({item}),{context})")
-    _define_property(data, "surface texture", "Ra, largest", faces, shown)
+    shown = data.append_instance(f"REPRESENTATION('surface texture',({item}),{context})")
+    _add_property(data, "surface texture", "Ra, largest", faces, shown)
 
 
-def _define_property(
-    data: _Data, kind: str, name: str, owners: Sequence[str], representation: str
+def _add_property(
+    data: _DataInstances, kind: str, name: str, owners: Sequence[str], representation: str
 ) -> None:
     """Give owners (a product, or aspects of its shape) a property with its representation."""
     for owner in owners:
-        definition = data.append(f"PROPERTY_DEFINITION('{kind}','{name}',{owner})")
-        data.append(f"PROPERTY_DEFINITION_REPRESENTATION({definition},{representation})")
+        definition = data.append_instance(f"PROPERTY_DEFINITION('{kind}','{name}',{owner})")
+        data.append_instance(f"PROPERTY_DEFINITION_REPRESENTATION({definition},{representation})")
 
 
 def quote_string(text: str) -> str:

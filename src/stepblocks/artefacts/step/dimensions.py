@@ -11,7 +11,12 @@ from stepblocks.artefacts.step.characteristic import (
 )
 from stepblocks.artefacts.step.distances import measure_angle, measure_distance, measure_size
 from stepblocks.artefacts.step.exchange import Exchange, Parameters
-from stepblocks.artefacts.step.faces import PLANE, Surface, find_faces, is_placed_where_drawn
+from stepblocks.artefacts.step.faces import (
+    PLANE,
+    Surface,
+    find_surfaces_of_aspect,
+    is_placed_where_drawn,
+)
 from stepblocks.artefacts.step.units import Measure, read_measure
 
 _SIZES = (
@@ -31,9 +36,9 @@ _LOCATIONS = (
 def list_dimensions(file: Exchange) -> list[Characteristic]:
     """List the dimensions of a file, in the order of their instances."""
     dimensions = []
-    for ref, parameters in file.find_instances(*_SIZES):
+    for ref, parameters in file.yield_instances(*_SIZES):
         dimensions.append(_read_dimension(file, _read_size(file, ref, parameters)))
-    for ref, parameters in file.find_instances(*_LOCATIONS):
+    for ref, parameters in file.yield_instances(*_LOCATIONS):
         if len(parameters) >= 4:
             dimensions.append(_read_dimension(file, _read_location(file, ref, parameters)))
     return sorted(dimensions, key=lambda dimension: dimension.number)
@@ -71,7 +76,7 @@ class _Statement:
 
 def _read_size(file: Exchange, ref: str, parameters: Parameters) -> _Statement:
     """Read the faces and the kind of a DIMENSIONAL_SIZE."""
-    sides = (find_faces(file, parameters[0]),)
+    sides = (find_surfaces_of_aspect(file, parameters[0]),)
     if file.get_parameters(ref, "ANGULAR_SIZE"):
         return _Statement(ref, "angular size", read_optional_text(parameters[1]), sides)
     kind = str(parameters[1]) if len(parameters) > 1 else "size"
@@ -85,7 +90,7 @@ def _read_location(file: Exchange, ref: str, parameters: Parameters) -> _Stateme
     if not kind:
         is_angle = file.get_parameters(ref, "ANGULAR_LOCATION")
         kind = "angular location" if is_angle else "location"
-    sides = (find_faces(file, first), find_faces(file, second))
+    sides = (find_surfaces_of_aspect(file, first), find_surfaces_of_aspect(file, second))
     return _Statement(ref, kind, read_optional_text(description), sides)
 
 
@@ -99,7 +104,7 @@ def _read_dimension(file: Exchange, stated: _Statement) -> Characteristic:
         value = limits.nominal.si
         unit = limits.nominal.unit.name
         angular = limits.nominal.unit.dimension == "angle"
-    geometry = _measure_geometry(file, stated, value, angular)
+    geometry = _measure_named_faces(file, stated, value, angular)
     problem = limits.problem
     is_sound_length = problem is Problem.NONE and not angular
     if geometry is None and is_sound_length and stated.names_planes:
@@ -119,7 +124,7 @@ def _read_dimension(file: Exchange, stated: _Statement) -> Characteristic:
     )
 
 
-def _measure_geometry(
+def _measure_named_faces(
     file: Exchange, stated: _Statement, value: float, angular: bool
 ) -> float | None:
     """Measure a dimension by the faces that it names [m or rad].
@@ -163,7 +168,9 @@ def _read_limits(file: Exchange, ref: str) -> _Limits:
 def _read_labelled_values(file: Exchange, ref: str) -> _Limits:
     """Read the values of a dimension: the first is the nominal, limits are labelled."""
     nominal = upper = lower = None
-    for representation in _yield_related(file, ref, "DIMENSIONAL_CHARACTERISTIC_REPRESENTATION", 0):
+    for representation in _yield_linked_instances(
+        file, ref, "DIMENSIONAL_CHARACTERISTIC_REPRESENTATION", 0
+    ):
         parameters = file.get_parameters(representation, "SHAPE_DIMENSION_REPRESENTATION")
         if len(parameters) < 2:
             continue
@@ -171,7 +178,7 @@ def _read_labelled_values(file: Exchange, ref: str) -> _Limits:
             measure = read_measure(file, item)
             if measure is None:
                 continue
-            label = _read_label(file, item)
+            label = _read_item_label(file, item)
             if "upper" in label:
                 upper = measure
             elif "lower" in label:
@@ -188,7 +195,7 @@ def _read_labelled_values(file: Exchange, ref: str) -> _Limits:
     return _Limits(nominal, lower_deviation, upper_deviation)
 
 
-def _read_label(file: Exchange, item: object) -> str:
+def _read_item_label(file: Exchange, item: object) -> str:
     """Read the name of a representation item in lower case; empty where it has none."""
     parameters = file.get_parameters(item, "REPRESENTATION_ITEM")
     if not parameters:
@@ -198,7 +205,7 @@ def _read_label(file: Exchange, item: object) -> str:
 
 def _read_deviations(file: Exchange, ref: str, nominal: Measure) -> _Limits:
     """Read the lower and the upper deviation of a PLUS_MINUS_TOLERANCE."""
-    for tolerance in _yield_related(file, ref, "PLUS_MINUS_TOLERANCE", 1):
+    for tolerance in _yield_linked_instances(file, ref, "PLUS_MINUS_TOLERANCE", 1):
         bounds = file.get_parameters(tolerance, "TOLERANCE_VALUE")
         if not bounds:
             continue
@@ -213,7 +220,9 @@ def _read_deviations(file: Exchange, ref: str, nominal: Measure) -> _Limits:
     return _Limits(nominal)
 
 
-def _yield_related(file: Exchange, ref: str, entity: str, place: int) -> Iterator[object]:
+def _yield_linked_instances(
+    file: Exchange, ref: str, entity: str, parameter_index: int
+) -> Iterator[object]:
     """Yield what entities of two parameters link with an instance.
 
     Parameters
@@ -224,10 +233,10 @@ def _yield_related(file: Exchange, ref: str, entity: str, place: int) -> Iterato
         The instance.
     entity : str
         The linking entity.
-    place : {0, 1}
+    parameter_index : {0, 1}
         Which of its parameters is the instance; the other one is yielded.
     """
     for user in file.list_referrers(ref):
         pair = file.get_parameters(user, entity)
-        if len(pair) == 2 and pair[place] == ref:
-            yield pair[1 - place]
+        if len(pair) == 2 and pair[parameter_index] == ref:
+            yield pair[1 - parameter_index]

@@ -31,14 +31,14 @@ _WITH_RADIUS = (CYLINDER, SPHERE)
 _LOCATED = "linear distance"  # begins the kind of a distance; the sides that it joins follow
 
 
-def measure_size(surfaces: Sequence[Surface], name: str) -> float | None:
+def measure_size(surfaces: Sequence[Surface], size_name: str) -> float | None:
     """Measure the size of a feature by its own faces.
 
     Parameters
     ----------
     surfaces : sequence of Surface
         All faces of the feature.
-    name : str
+    size_name : str
         What the file calls the size: ``diameter``, ``toroidal major radius``, ``angle``.
 
     Returns
@@ -51,9 +51,9 @@ def measure_size(surfaces: Sequence[Surface], name: str) -> float | None:
     kinds = {surface.kind for surface in surfaces}
     if kinds <= set(_CURVES):
         # an edge that is a curve of two faces is sharp
-        return 0.0 if "radius" in name else None
+        return 0.0 if "radius" in size_name else None
     if kinds <= set(_WITH_RADIUS) and all(surface.sizes for surface in surfaces):
-        return _measure_round(surfaces, name)
+        return _measure_round_faces(surfaces, size_name)
     if len(surfaces) == 2 and kinds == {PLANE}:
         first, second = surfaces
         return measure_distance([first], [second])
@@ -61,50 +61,50 @@ def measure_size(surfaces: Sequence[Surface], name: str) -> float | None:
         return None
     (surface,) = surfaces
     if surface.kind == TORUS and len(surface.sizes) == 2:
-        return _measure_torus(surface, name)
-    if surface.kind == CONE and "angle" in name:
+        return _measure_torus(surface, size_name)
+    if surface.kind == CONE and "angle" in size_name:
         _, half_angle = surface.sizes
         return 2.0 * half_angle
     return None
 
 
-def _measure_round(surfaces: Sequence[Surface], name: str) -> float | None:
+def _measure_round_faces(surfaces: Sequence[Surface], size_name: str) -> float | None:
     """Measure diameter or radius [m] of faces that have one radius."""
     radii = [surface.sizes[0] for surface in surfaces]
     largest = max(radii)
     if not largest - min(radii) <= _SAME_LENGTH:
         return None
-    return _choose_diameter_or_radius(largest, name)
+    return _choose_diameter_or_radius(largest, size_name)
 
 
-def _choose_diameter_or_radius(radius: float, name: str) -> float | None:
+def _choose_diameter_or_radius(radius: float, size_name: str) -> float | None:
     """Return the size that a name states [m]; None where it is neither diameter nor radius."""
-    if "diameter" in name:
+    if "diameter" in size_name:
         return 2.0 * radius
-    if "radius" in name:
+    if "radius" in size_name:
         return radius
     return None
 
 
-def _measure_torus(torus: Surface, name: str) -> float | None:
+def _measure_torus(torus: Surface, size_name: str) -> float | None:
     """Measure the size of a torus that its name states [m].
 
     It is that of its middle, of its wire, or of its inner or outer edge.
     """
     major, minor = torus.sizes
-    if "toroidal high major" in name:
-        return _choose_diameter_or_radius(major + minor, name)
-    if "toroidal low major" in name:
-        return _choose_diameter_or_radius(major - minor, name)
-    if "toroidal major" in name:
-        return _choose_diameter_or_radius(major, name)
-    if "toroidal minor" in name:
-        return _choose_diameter_or_radius(minor, name)
+    if "toroidal high major" in size_name:
+        return _choose_diameter_or_radius(major + minor, size_name)
+    if "toroidal low major" in size_name:
+        return _choose_diameter_or_radius(major - minor, size_name)
+    if "toroidal major" in size_name:
+        return _choose_diameter_or_radius(major, size_name)
+    if "toroidal minor" in size_name:
+        return _choose_diameter_or_radius(minor, size_name)
     return None
 
 
 def measure_distance(
-    first: Sequence[Surface], second: Sequence[Surface], kind: str = ""
+    first: Sequence[Surface], second: Sequence[Surface], distance_kind: str = ""
 ) -> float | None:
     """Measure the distance between two features: planes, axes of cylinders, centres of spheres.
 
@@ -112,7 +112,7 @@ def measure_distance(
     ----------
     first, second : sequence of Surface
         All faces of each feature; every pair of them must have the same distance.
-    kind : str
+    distance_kind : str
         What the file calls the distance; ``linear distance centre outer`` says from and to which
         side of a round feature.
 
@@ -121,10 +121,10 @@ def measure_distance(
     float or None
         The distance [m].
     """
-    first_side, second_side = _read_sides(kind)
+    first_side, second_side = _read_end_sides(distance_kind)
     distances = []
     for one_face, another_face in itertools.product(first, second):
-        distance = _measure_between(one_face, another_face)
+        distance = _measure_surface_distance(one_face, another_face)
         if distance is None:
             return None
         distance += _measure_beyond_centre(one_face, first_side)
@@ -137,9 +137,9 @@ def measure_distance(
     return distances[0]
 
 
-def _read_sides(kind: str) -> tuple[str, str]:
+def _read_end_sides(distance_kind: str) -> tuple[str, str]:
     """Read ``inner``, ``centre`` or ``outer`` for each end of a distance; empty where not said."""
-    words = kind.removeprefix(_LOCATED).split()
+    words = distance_kind.removeprefix(_LOCATED).split()
     if len(words) != 2:
         return "", ""
     first, second = words
@@ -191,7 +191,7 @@ class _Relation:
         return self.is_parallel and self.beside_axis <= _ONE_AXIS
 
 
-def _find_relation(first: Surface, second: Surface) -> _Relation:
+def _compute_relation(first: Surface, second: Surface) -> _Relation:
     """Find how two surfaces lie to each other."""
     is_curve_first = first.kind in _CURVES and second.kind not in _CURVES
     if second.kind == PLANE or is_curve_first:
@@ -212,9 +212,9 @@ def _find_relation(first: Surface, second: Surface) -> _Relation:
     )
 
 
-def _measure_between(one_face: Surface, another_face: Surface) -> float | None:
+def _measure_surface_distance(one_face: Surface, another_face: Surface) -> float | None:
     """Measure the distance between two surfaces, round ones from their centres or axes [m]."""
-    relation = _find_relation(one_face, another_face)
+    relation = _compute_relation(one_face, another_face)
     if relation.first.kind == PLANE:
         return abs(relation.along_axis) if _is_equidistant_from_plane(relation) else None
     if relation.first.kind == SPHERE and relation.second.kind == SPHERE:

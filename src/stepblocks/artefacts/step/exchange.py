@@ -51,18 +51,18 @@ class Typed:
     value: Any
 
 
-def is_reference(value: object) -> bool:
+def is_reference(parameter: object) -> bool:
     """Tell whether a parameter is a reference such as ``#12``."""
-    return isinstance(value, str) and value.startswith("#")
+    return isinstance(parameter, str) and parameter.startswith("#")
 
 
-def read_number(value: object) -> float | None:
+def read_numeric_parameter(parameter: object) -> float | None:
     """Return a numeric parameter, typed or not, as float, or None for anything else."""
-    if isinstance(value, Typed):
-        value = value.value
-    if isinstance(value, bool) or not isinstance(value, int | float):
+    if isinstance(parameter, Typed):
+        parameter = parameter.value
+    if isinstance(parameter, bool) or not isinstance(parameter, int | float):
         return None
-    return float(value)
+    return float(parameter)
 
 
 @dataclass
@@ -83,7 +83,7 @@ class _DataSection:
     holders: dict[str, list[str]] = field(default_factory=dict)
     names: dict[str, tuple[str, ...]] = field(default_factory=dict)
 
-    def add(self, ref: str, entity: str, arguments: str) -> None:
+    def add_instance(self, ref: str, entity: str, arguments: str) -> None:
         """Add an instance; without an entity before its arguments it holds several entities."""
         self.texts[ref] = entity + arguments
         if entity:
@@ -95,7 +95,7 @@ class _DataSection:
         for name in self.names[arguments]:
             self.holders.setdefault(name.upper(), []).append(ref)
 
-    def get_last(self) -> str:
+    def get_last_reference(self) -> str:
         """Return the reference of the last instance, or the word that stands before the first."""
         return next(reversed(self.texts), "DATA")
 
@@ -135,7 +135,7 @@ class Exchange:
         """Return the parameters of one entity of an instance; empty where it has none."""
         return self.get_entities(ref).get(entity, ())
 
-    def find_instances(self, *entities: str) -> Iterator[tuple[str, Parameters]]:
+    def yield_instances(self, *entities: str) -> Iterator[tuple[str, Parameters]]:
         """Yield reference and parameters of every instance of the given entities, in order."""
         for entity in entities:
             for ref in self._holders.get(entity, ()):
@@ -163,18 +163,18 @@ class Exchange:
         return users
 
 
-def find_references(value: object) -> Iterator[str]:
+def yield_references(parameter: object) -> Iterator[str]:
     """Yield the references in a parameter, however deep, in their order."""
-    if is_reference(value):
-        yield str(value)
-    elif isinstance(value, Typed):
-        yield from find_references(value.value)
-    elif isinstance(value, tuple | list):
-        for item in value:
-            yield from find_references(item)
+    if is_reference(parameter):
+        yield str(parameter)
+    elif isinstance(parameter, Typed):
+        yield from yield_references(parameter.value)
+    elif isinstance(parameter, tuple | list):
+        for item in parameter:
+            yield from yield_references(item)
 
 
-def read_exchange(path: Path) -> Exchange:
+def read_exchange_file(path: Path) -> Exchange:
     """Read a STEP file.
 
     Parameters
@@ -206,7 +206,7 @@ def read_exchange(path: Path) -> Exchange:
         text = _COMMENT.sub(_drop_comment, text)
     try:
         header, begin = _read_header(text)
-        return Exchange(path.name, _read_schema(header), _read_data(text, begin))
+        return Exchange(path.name, _read_schema(header), _read_data_section(text, begin))
     except (ValueError, RecursionError) as error:
         raise _make_parse_error(error, path.name) from error
 
@@ -292,7 +292,7 @@ def _read_schema(header: list[str]) -> tuple[str, ...]:
     return tuple(schema)
 
 
-def _read_data(text: str, begin: int) -> _DataSection:
+def _read_data_section(text: str, begin: int) -> _DataSection:
     """Read the instances from a position on, in one walk, up to the end of the file."""
     data = _DataSection()
     position = begin
@@ -301,9 +301,9 @@ def _read_data(text: str, begin: int) -> _DataSection:
         ref, entity, arguments = found.groups()
         if ref in data.texts:
             raise ValueError(f"instance {ref} is not whole or not unique")
-        data.add(ref, entity, arguments)
+        data.add_instance(ref, entity, arguments)
     if not _END.match(text, position):
-        raise _make_data_error(text, position, data.get_last())
+        raise _make_data_error(text, position, data.get_last_reference())
     return data
 
 
@@ -363,17 +363,17 @@ def _parse_any_instance(text: str) -> dict[str, Parameters]:
     for entity in entities:
         if not isinstance(entity, Typed):
             raise ValueError(f"instance must hold whole entities, got {text[:40]!r}")
-        parts[entity.type] = tuple(map(_convert_to_tuples, entity.value))
+        parts[entity.type] = tuple(map(_convert_lists_to_tuples, entity.value))
     return parts
 
 
-def _make_typed(pairs: list[tuple[str, Any]]) -> Typed:
+def _make_typed_value(pairs: list[tuple[str, Any]]) -> Typed:
     """Make a typed value of the only key of an object and its list of values."""
     name, value = pairs[0]
     return Typed(name, value)
 
 
-_DECODER = json.JSONDecoder(object_pairs_hook=_make_typed)
+_DECODER = json.JSONDecoder(object_pairs_hook=_make_typed_value)
 
 
 class _JsonTranslator:
@@ -439,11 +439,11 @@ def _decode_extended(found: re.Match[str]) -> str:
     return bytes.fromhex(found["digits"]).decode(_ENCODING_BY_BYTES[found["bytes"]])
 
 
-def _convert_to_tuples(value: object) -> object:
+def _convert_lists_to_tuples(value: object) -> object:
     """Turn lists into tuples; a typed value holds one value instead of a list of one."""
     if isinstance(value, Typed):
         (inner,) = value.value
-        return Typed(value.type, _convert_to_tuples(inner))
+        return Typed(value.type, _convert_lists_to_tuples(inner))
     if isinstance(value, list):
-        return tuple(map(_convert_to_tuples, value))
+        return tuple(map(_convert_lists_to_tuples, value))
     return value

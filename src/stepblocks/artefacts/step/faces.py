@@ -9,9 +9,9 @@ import numpy as np
 from stepblocks.artefacts.step.exchange import (
     Exchange,
     Parameters,
-    find_references,
     is_reference,
-    read_number,
+    read_numeric_parameter,
+    yield_references,
 )
 from stepblocks.artefacts.step.units import Unit, read_unit
 from stepblocks.contact import Array
@@ -66,7 +66,7 @@ class Surface:
     representation: str = ""
 
 
-def find_faces(file: Exchange, aspect: object, depth: int = 0) -> list[Surface]:
+def find_surfaces_of_aspect(file: Exchange, aspect: object, depth: int = 0) -> list[Surface]:
     """Find the surfaces of all faces that a shape aspect stands for, through composites.
 
     Parameters
@@ -88,35 +88,37 @@ def find_faces(file: Exchange, aspect: object, depth: int = 0) -> list[Surface]:
     surfaces: dict[str, Surface] = {}
     for user in file.list_referrers(str(aspect)):
         parts = file.get_entities(user)
-        for surface in _read_used_faces(file, parts, aspect):
+        for surface in _yield_linked_surfaces(file, parts, aspect):
             surfaces[surface.ref] = surface
-        below = _find_part_of_composite(file, parts, aspect)
-        for surface in find_faces(file, below, depth + 1):
+        below = _find_aspect_in_composite(file, parts, aspect)
+        for surface in find_surfaces_of_aspect(file, below, depth + 1):
             surfaces[surface.ref] = surface
     return list(surfaces.values())
 
 
-def _read_used_faces(
-    file: Exchange, parts: dict[str, Parameters], aspect: object
+def _yield_linked_surfaces(
+    file: Exchange, entities: dict[str, Parameters], aspect: object
 ) -> Iterator[Surface]:
     """Read the faces that an instance links with an aspect."""
     for entity in _USAGES:
-        parameters = parts.get(entity, ())
+        parameters = entities.get(entity, ())
         if len(parameters) != 5:
             continue
         _, _, linked, representation, items = parameters
         if linked != aspect:
             continue
-        units = read_units(file, str(representation))
-        for item in find_references(items):
+        units = read_representation_units(file, str(representation))
+        for item in yield_references(items):
             surface = _read_surface(file, item, str(representation), units)
             if surface.kind:
                 yield surface
 
 
-def _find_part_of_composite(file: Exchange, parts: dict[str, Parameters], aspect: object) -> object:
+def _find_aspect_in_composite(
+    file: Exchange, entities: dict[str, Parameters], aspect: object
+) -> object:
     """Find the aspect that an instance makes part of a composite one; None for a datum."""
-    parameters = parts.get("SHAPE_ASPECT_RELATIONSHIP", ())
+    parameters = entities.get("SHAPE_ASPECT_RELATIONSHIP", ())
     if len(parameters) != 4:
         return None
     _, _, composite, part = parameters
@@ -133,7 +135,7 @@ class RepresentationUnits:
     angle: Unit = field(default_factory=Unit)
 
 
-def read_units(file: Exchange, representation: str) -> RepresentationUnits:
+def read_representation_units(file: Exchange, representation: str) -> RepresentationUnits:
     """Read the units of the context of a representation; unknown where it has none."""
     for parameters in file.get_entities(representation).values():
         for parameter in parameters:
@@ -152,15 +154,15 @@ def read_units(file: Exchange, representation: str) -> RepresentationUnits:
 
 
 def _read_surface(
-    file: Exchange, item: str, representation: str, units: RepresentationUnits
+    file: Exchange, face_or_edge: str, representation: str, units: RepresentationUnits
 ) -> Surface:
     """Read the surface of a face or the curve of an edge; its kind is empty for neither."""
-    kind, parameters = _find_geometry(file, item)
+    kind, parameters = _find_carrier_geometry(file, face_or_edge)
     if len(parameters) < 2 or not is_reference(parameters[1]):
-        return Surface(item, kind, representation=representation)
+        return Surface(face_or_edge, kind, representation=representation)
     if kind == LINE:
         return Surface(
-            item,
+            face_or_edge,
             kind,
             units.length.convert_to_si(_read_coordinates(file, parameters[1])),
             _read_direction_of_line(file, parameters[-1]),
@@ -168,7 +170,7 @@ def _read_surface(
         )
     placement = _read_placement(file, parameters[1])
     return Surface(
-        item,
+        face_or_edge,
         kind,
         units.length.convert_to_si(placement.point),
         placement.axis,
@@ -177,12 +179,12 @@ def _read_surface(
     )
 
 
-def read_curve(file: Exchange, edge: str, units: RepresentationUnits) -> Surface:
+def read_edge_curve(file: Exchange, edge: str, units: RepresentationUnits) -> Surface:
     """Read the curve of an edge, in the units of the representation that holds its body."""
     return _read_surface(file, edge, "", units)
 
 
-def read_vertex(file: Exchange, vertex: object, units: RepresentationUnits) -> Array:
+def read_vertex_point(file: Exchange, vertex: object, units: RepresentationUnits) -> Array:
     """Read the point of a vertex [m], shape (3,), nan where it has none."""
     parameters = file.get_parameters(vertex, "VERTEX_POINT")
     if len(parameters) != 2:
@@ -190,11 +192,11 @@ def read_vertex(file: Exchange, vertex: object, units: RepresentationUnits) -> A
     return units.length.convert_to_si(_read_coordinates(file, parameters[1]))
 
 
-def _find_geometry(file: Exchange, item: str) -> tuple[str, Parameters]:
+def _find_carrier_geometry(file: Exchange, face_or_edge: str) -> tuple[str, Parameters]:
     """Find kind and parameters of the surface or curve that carries a face or edge."""
-    carrier: object = item
+    carrier: object = face_or_edge
     for entity, place in _CARRIERS.items():
-        parameters = file.get_parameters(item, entity)
+        parameters = file.get_parameters(face_or_edge, entity)
         if parameters:
             carrier = parameters[place]
             break
@@ -214,7 +216,7 @@ def _read_radii_and_cone_angle(
     """
     numbers = []
     for parameter in parameters:
-        number = read_number(parameter)
+        number = read_numeric_parameter(parameter)
         numbers.append(math.nan if number is None else number)
     sizes = [units.length.convert_to_si(number) for number in numbers]
     if kind == CONE and len(numbers) == 2:
@@ -272,7 +274,7 @@ def is_placed_where_drawn(file: Exchange) -> bool:
 
     Only then can two bodies be compared.
     """
-    for _, parameters in file.find_instances("ITEM_DEFINED_TRANSFORMATION"):
+    for _, parameters in file.yield_instances("ITEM_DEFINED_TRANSFORMATION"):
         first, second = (_read_placement(file, item) for item in parameters[2:4])
         if not _are_same_placement(first, second):
             return False

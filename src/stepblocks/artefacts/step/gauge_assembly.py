@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from stepblocks.artefacts.step.write import write_conforming
+from stepblocks.artefacts.step.write import write_conforming_step
 from stepblocks.cad import kernel
 from stepblocks.cad.pmi import PmiDimension, PmiItem
 from stepblocks.parts.gauge_pair import (
@@ -55,4 +55,4 @@ def write_gauge_assembly(path: Path, block: StepBlock, pair: GaugePair) -> None:
     )
     dimensions.append(("step height", step))
     bodies = list(zip(assembly.names, assembly.solids, strict=True))
-    write_conforming(path, f"{block.id}-gauge", bodies, block.material, dimensions)
+    write_conforming_step(path, f"{block.id}-gauge", bodies, block.material, dimensions)

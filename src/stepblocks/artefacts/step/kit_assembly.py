@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from stepblocks.artefacts.step.write import write_conforming
+from stepblocks.artefacts.step.write import write_conforming_step
 from stepblocks.parts.apparatus.declared import Apparatus
 from stepblocks.parts.apparatus.layout import list_components
 from stepblocks.parts.conditions import OrderSpec
@@ -28,4 +28,4 @@ def write_kit_assembly(path: Path, kit: Apparatus, order: OrderSpec) -> None:
     components = list_components(kit)
     bodies = [(component.name, component.build_solid()) for component in components]
     materials = [component.material for component in components]
-    write_conforming(path, kit.id, bodies, materials, [], order=order)
+    write_conforming_step(path, kit.id, bodies, materials, [], order=order)

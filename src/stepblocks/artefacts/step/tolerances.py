@@ -3,8 +3,8 @@
 import math
 
 from stepblocks.artefacts.step.characteristic import Characteristic, Problem, read_optional_text
-from stepblocks.artefacts.step.exchange import Exchange, find_references
-from stepblocks.artefacts.step.faces import find_faces
+from stepblocks.artefacts.step.exchange import Exchange, yield_references
+from stepblocks.artefacts.step.faces import find_surfaces_of_aspect
 from stepblocks.artefacts.step.units import read_measure
 
 _KINDS = (
@@ -39,7 +39,7 @@ def list_tolerances(file: Exchange) -> list[Characteristic]:
     tolerances: dict[str, Characteristic] = {}
     for kind in _KINDS:
         entity = f"{kind}_TOLERANCE"
-        for ref, _ in file.find_instances(entity):
+        for ref, _ in file.yield_instances(entity):
             tolerance = _read_tolerance(file, ref, entity, kind.lower().replace("_", " "))
             if tolerance is not None:
                 tolerances[ref] = tolerance
@@ -71,20 +71,20 @@ def _read_tolerance(file: Exchange, ref: str, entity: str, kind: str) -> Charact
         lower=0.0,
         upper=value,
         unit=unit,
-        faces=tuple(surface.ref for surface in find_faces(file, aspect)),
-        datums=_read_datums(file, datum_references),
+        faces=tuple(surface.ref for surface in find_surfaces_of_aspect(file, aspect)),
+        datums=_read_datum_letters(file, datum_references),
         problem=problem,
     )
 
 
-def _read_datums(file: Exchange, references: object) -> tuple[str, ...]:
+def _read_datum_letters(file: Exchange, references: object) -> tuple[str, ...]:
     """Read the letters behind a datum system or a list of datum references."""
     letters: list[str] = []
-    pending = list(find_references(references))
+    pending = list(yield_references(references))
     for ref in pending:  # which grows on the way
         letters += map(str, file.get_parameters(ref, "DATUM")[-1:])
         for entity in _TO_DATUM:
-            for below in find_references(file.get_parameters(ref, entity)[1:]):
+            for below in yield_references(file.get_parameters(ref, entity)[1:]):
                 if below not in pending:
                     pending.append(below)
     return tuple(dict.fromkeys(letters))

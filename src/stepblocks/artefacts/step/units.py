@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from stepblocks.artefacts.step.exchange import Exchange, Parameters, Typed, read_number
+from stepblocks.artefacts.step.exchange import Exchange, Parameters, Typed, read_numeric_parameter
 from stepblocks.quantities import Number, multiply_by_unit
 
 _UNKNOWN = "unknown"
@@ -125,7 +125,7 @@ def read_measure(file: Exchange, ref: object) -> Measure | None:
         if len(parameters) < 2:
             continue
         stated_value, stated_unit, *_ = parameters
-        value = read_number(stated_value)
+        value = read_numeric_parameter(stated_value)
         if value is None:
             return None
         unit = read_unit(file, stated_unit)
@@ -133,11 +133,11 @@ def read_measure(file: Exchange, ref: object) -> Measure | None:
     return None
 
 
-def find_mistyped_measures(file: Exchange) -> list[str]:
+def list_mistyped_measures(file: Exchange) -> list[str]:
     """List every measure whose value is untyped, or whose type does not fit its unit."""
     findings: list[str] = []
     for entity, place in _MEASURES.items():
-        for ref, parameters in file.find_instances(entity):
+        for ref, parameters in file.yield_instances(entity):
             if len(parameters) < place + 2:
                 continue
             value, unit = parameters[place : place + 2]
@@ -152,14 +152,14 @@ def _yield_typed_value_faults(value: object, dimension: str) -> Iterator[str]:
     if not isinstance(value, Typed):
         yield f"value must be typed, such as LENGTH_MEASURE(...), got {value!r}"
         return
-    number = read_number(value)
+    number = read_numeric_parameter(value)
     if value.type.startswith("POSITIVE_") and number is not None and not number > 0.0:
         yield f"{value.type} must be positive, got {number:g}"
     if dimension in _TYPES and value.type not in _TYPES[dimension]:
         yield f"{value.type} must not carry a unit of {dimension}"
 
 
-def read_densities(file: Exchange) -> tuple[list[float], list[str]]:
+def read_densities_and_faults(file: Exchange) -> tuple[list[float], list[str]]:
     """Find the densities of a file.
 
     Returns
@@ -171,7 +171,7 @@ def read_densities(file: Exchange) -> tuple[list[float], list[str]]:
     """
     densities: list[float] = []
     findings: list[str] = []
-    for ref, parameters in file.find_instances("MEASURE_REPRESENTATION_ITEM"):
+    for ref, parameters in file.yield_instances("MEASURE_REPRESENTATION_ITEM"):
         stated = parameters or (
             *file.get_parameters(ref, "REPRESENTATION_ITEM"),
             *file.get_parameters(ref, "MEASURE_WITH_UNIT"),
@@ -182,7 +182,7 @@ def read_densities(file: Exchange) -> tuple[list[float], list[str]]:
         if "density" not in str(name).lower():
             continue
         unit = _read_derived_unit(file, stated_unit)
-        value = read_number(stated_value)
+        value = read_numeric_parameter(stated_value)
         density = math.nan if value is None else value * unit.factor
         if unit.powers != _DENSITY_POWERS:
             findings.append(
@@ -225,7 +225,7 @@ def _read_derived_unit(file: Exchange, ref: object) -> _DerivedUnit:
             continue
         stated_unit, stated_power = parameters
         unit = read_unit(file, stated_unit)
-        power = read_number(stated_power) or 0.0
+        power = read_numeric_parameter(stated_power) or 0.0
         powers[unit.dimension] = powers.get(unit.dimension, 0.0) + power
         factor *= unit.factor**power
     return _DerivedUnit(factor, powers)

@@ -12,9 +12,9 @@ from stepblocks.artefacts.step.faces import (
     CIRCLE,
     LINE,
     Surface,
-    read_curve,
-    read_units,
-    read_vertex,
+    read_edge_curve,
+    read_representation_units,
+    read_vertex_point,
 )
 from stepblocks.artefacts.step.units import read_measure, read_unit
 from stepblocks.contact import Array
@@ -23,7 +23,7 @@ _LEAST_ALLOWED = 1e-9  # distance of a vertex from its edge [m]
 _MOST_FINDINGS = 5  # that are listed
 
 
-def find_vertices_off_edges(file: Exchange) -> list[str]:
+def list_vertices_off_edges(file: Exchange) -> list[str]:
     """Find the vertices that do not lie on the straight or circular edges that end in them.
 
     Parameters
@@ -37,19 +37,19 @@ def find_vertices_off_edges(file: Exchange) -> list[str]:
         One line for each, up to five, and how many more there are.
     """
     allowed = max(_LEAST_ALLOWED, _read_uncertainty(file))
-    units = read_units(file, _find_representation(file))
+    units = read_representation_units(file, _find_body_representation(file))
     points: dict[str, Array] = {}
     moved: dict[str, str] = {}
-    for ref, parameters in file.find_instances("EDGE_CURVE"):
+    for ref, parameters in file.yield_instances("EDGE_CURVE"):
         if len(parameters) != 5:
             continue
-        curve = read_curve(file, ref, units)
+        curve = read_edge_curve(file, ref, units)
         if curve.kind not in (LINE, CIRCLE):
             continue
         for vertex in map(str, parameters[1:3]):
             if vertex not in points:  # most end several edges
-                points[vertex] = read_vertex(file, vertex, units)
-            distance = _measure_distance(curve, points[vertex])
+                points[vertex] = read_vertex_point(file, vertex, units)
+            distance = _measure_distance_from_curve(curve, points[vertex])
             if distance > allowed:
                 moved[vertex] = (
                     f"{vertex} vertex: must lie on its edge {ref}, lies {distance * 1e9:.3f} nm off"
@@ -61,9 +61,9 @@ def find_vertices_off_edges(file: Exchange) -> list[str]:
     return lines
 
 
-def _find_representation(file: Exchange) -> str:
+def _find_body_representation(file: Exchange) -> str:
     """Find the representation that holds the bodies, and with them the units of their points."""
-    for ref, _ in file.find_instances(
+    for ref, _ in file.yield_instances(
         "ADVANCED_BREP_SHAPE_REPRESENTATION", "MANIFOLD_SURFACE_SHAPE_REPRESENTATION"
     ):
         return ref
@@ -73,7 +73,7 @@ def _find_representation(file: Exchange) -> str:
 def _read_uncertainty(file: Exchange) -> float:
     """Read the largest uncertainty of lengths that a file states [m], 0 where it states none."""
     largest = 0.0
-    for ref, parameters in file.find_instances("UNCERTAINTY_MEASURE_WITH_UNIT"):
+    for ref, parameters in file.yield_instances("UNCERTAINTY_MEASURE_WITH_UNIT"):
         measure = read_measure(file, ref)
         if measure is not None:
             largest = max(largest, measure.si)
@@ -85,7 +85,7 @@ def _read_uncertainty(file: Exchange) -> float:
     return largest if math.isfinite(largest) else 0.0
 
 
-def _measure_distance(curve: Surface, point: Array) -> float:
+def _measure_distance_from_curve(curve: Surface, point: Array) -> float:
     """Measure the distance of a point from a line or a circle [m]; 0 where one is unknown."""
     offset = point - curve.point
     along = float(offset @ curve.axis)

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from stepblocks.artefacts.step.callout import make_callout, measure_box
-from stepblocks.artefacts.step.conform import make_conforming
+from stepblocks.artefacts.step.callout import compute_bounding_box, make_callout
+from stepblocks.artefacts.step.conform import repair_step_text
 from stepblocks.cad import door, kernel
 from stepblocks.cad.pmi import (
     PmiDatum,
@@ -81,14 +81,14 @@ def write_step_ap242(
     SolidError
         If the kernel cannot write the file.
     """
-    content = _list_pmi_content(stimulus, [kernel.describe_faces(body) for _, body in bodies])
+    content = _collect_pmi_content(stimulus, [kernel.list_faces(body) for _, body in bodies])
     texture = None
     if stimulus.has_working_faces:
         texture = stimulus.face_demands["roughness"].upper
         defaults = describe_default_demands(stimulus)
         if defaults:
             content.notes.append(("defaults", defaults))
-    write_conforming(
+    write_conforming_step(
         path,
         stimulus.id,
         bodies,
@@ -101,7 +101,7 @@ def write_step_ap242(
     )
 
 
-def write_conforming(
+def write_conforming_step(
     path: Path,
     identity: str,
     bodies: Sequence[tuple[str, door.Body]],
@@ -130,7 +130,7 @@ def write_conforming(
     tolerances : sequence of PmiTolerance, optional
         Flatness and parallelism.
     notes, texture, order
-        As for `make_conforming`.
+        As for `repair_step_text`.
     """
     if isinstance(materials, Material):
         materials = [materials] * len(bodies)
@@ -143,7 +143,7 @@ def write_conforming(
             [_make_pmi_material(material) for material in materials],
             identity,
         )
-        text = make_conforming(
+        text = repair_step_text(
             draft.read_text(encoding="utf-8"),
             identity,
             [(dimension.kind, name) for name, dimension in dimensions],
@@ -162,18 +162,18 @@ def _make_pmi_material(material: Material) -> PmiMaterial:
     return PmiMaterial(material.order_text, density)
 
 
-def _list_pmi_content(part: Part, described: Sequence[tuple[door.Face, ...]]) -> _Content:
+def _collect_pmi_content(part: Part, described: Sequence[tuple[door.Face, ...]]) -> _Content:
     """List dimensions, tolerances and notes of a part, whose bodies have the described faces."""
-    box = measure_box([face for faces in described for face in faces])
+    box = compute_bounding_box([face for faces in described for face in faces])
     content = _Content()
     for number, characteristic in enumerate(part.characteristics(), start=1):
         if characteristic.kind == "roughness":  # the texture of the faces is written apart
             continue
         if characteristic.kind == "note":
-            content.notes.append((characteristic.label, _format_note(characteristic)))
+            content.notes.append((characteristic.label, _format_size_and_limits(characteristic)))
             continue
         items = tuple(
-            _find_item(described, rule, characteristic.body, part.id)
+            _find_pmi_item(described, rule, characteristic.body, part.id)
             for rule in characteristic.faces
         )
         last = items[-1]
@@ -208,7 +208,7 @@ def _choose_datum_letter(parallelism: Characteristic) -> str:
     return "A" if parallelism.key == "parallelism" else "B"
 
 
-def _format_note(characteristic: Characteristic) -> str:
+def _format_size_and_limits(characteristic: Characteristic) -> str:
     """Write size and limits of a characteristic that no face carries."""
     nominal = characteristic.nominal
     size, lowest, highest = (
@@ -237,14 +237,14 @@ def _choose_pmi_kind(characteristic: Characteristic) -> PmiKind:
     return "radius"
 
 
-def _find_item(
-    described: Sequence[tuple[door.Face, ...]], rule: Rule, body: int, place: str
+def _find_pmi_item(
+    described: Sequence[tuple[door.Face, ...]], rule: Rule, body: int, part_id: str
 ) -> PmiItem:
     """Find the face or edge of a rule, which may lie on another body than its characteristic."""
     owner = body if rule.body is None else rule.body
     faces = described[owner]
     if isinstance(rule, EdgeRule):
-        first = find_face_index(faces, rule.first, place)
-        second = find_face_index(faces, rule.second, place)
+        first = find_face_index(faces, rule.first, part_id)
+        second = find_face_index(faces, rule.second, part_id)
         return PmiItem(owner, first, second)
-    return PmiItem(owner, find_face_index(faces, rule, place))
+    return PmiItem(owner, find_face_index(faces, rule, part_id))

@@ -116,9 +116,9 @@ def _count_clear_falls(heights: Array) -> int:
 
 def draw_cuts(trace: Trace, cuts: Sequence[slice], names: Sequence[str], path: Path) -> None:
     """Draw the record with its cuts, and which trial each piece is."""
-    from stepblocks.files.figures import make_figure, save_figure
+    from stepblocks.files.figures import make_figure_and_axes, save_figure
 
-    figure, (tangential_axes, normal_axes) = make_figure(2, 1, sharex=True, height=5.0)
+    figure, (tangential_axes, normal_axes) = make_figure_and_axes(2, 1, sharex=True, height=5.0)
     tangential_axes.set_ylabel("tangential force [N]")
     normal_axes.set_ylabel("normal force [N]")
     step = max(trace.time.size // _MOST_POINTS, 1)

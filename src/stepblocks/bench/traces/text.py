@@ -47,7 +47,7 @@ class TextReader(TraceReader[TextTable, TextTable]):
         try:
             return group.read_numbers(index).values
         except CellError as error:
-            place = group.name_row(error.row, index)
+            place = group.name_place_of_row(error.row, index)
             raise TraceError(
                 FaultKind.WITHOUT_HEADING, f"channel {name!r} {error} [{file}, {place}]"
             ) from error
@@ -58,7 +58,9 @@ class TextReader(TraceReader[TextTable, TextTable]):
         for name in names:
             index = _find_column_index(group, name)
             if index is not None:
-                notes += filter(None, [group.read_numbers(index).describe(str(name))])
+                notes += filter(
+                    None, [group.read_numbers(index).describe_missing_values(str(name))]
+                )
         return notes
 
 

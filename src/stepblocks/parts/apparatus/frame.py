@@ -85,15 +85,15 @@ def _make_block_seat() -> Component:
     )
 
 
-def _make_portal(name: str, x: float, shaft_height: float) -> Component:
+def _make_portal(name: str, x_mm: float, shaft_height_mm: float) -> Component:
     """Make a portal whose two columns hold the ends of the shafts."""
-    top = shaft_height + SHAFT_RISE
-    foot = make_box_mm((x, -50.0, -30.0), (x + 12.0, 50.0, -18.0))
+    top = shaft_height_mm + SHAFT_RISE
+    foot = make_box_mm((x_mm, -50.0, -30.0), (x_mm + 12.0, 50.0, -18.0))
     columns = []
     for y in SHAFTS.values():
-        columns.append(make_box_mm((x, y - 8.0, -18.0), (x + 12.0, y + 8.0, top)))
-    seat = make_bore_mm("x", (x, 0.0, shaft_height), _SHAFT, 12.0, "H7")
-    thread = make_bore_mm("z", (x + 6.0, 0.0, -30.0), 3.3, 10.0, "M4")
+        columns.append(make_box_mm((x_mm, y - 8.0, -18.0), (x_mm + 12.0, y + 8.0, top)))
+    seat = make_bore_mm("x", (x_mm, 0.0, shaft_height_mm), _SHAFT, 12.0, "H7")
+    thread = make_bore_mm("z", (x_mm + 6.0, 0.0, -30.0), 3.3, 10.0, "M4")
     bores = repeat_bore_along_axis(seat, "y", SHAFTS.values())
     bores += repeat_bore_along_axis(thread, "y", _FEET_OF_THE_PORTALS)
     return Component(

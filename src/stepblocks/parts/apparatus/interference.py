@@ -79,10 +79,10 @@ def _yield_pairs_over_travel(components: Sequence[Component], travel: float) -> 
 def _has_overlapping_boxes(pair: _Pair) -> bool:
     """Tell whether the boxes around a pair overlap."""
     first = pair.first.bounding_box.move((pair.position, 0.0, 0.0))
-    return _share_volume(first, pair.second.bounding_box)
+    return _boxes_share_volume(first, pair.second.bounding_box)
 
 
-def _share_volume(first: Box, second: Box) -> bool:
+def _boxes_share_volume(first: Box, second: Box) -> bool:
     """Tell whether two boxes share volume; those that only touch do not."""
     for axis in range(3):
         if first.high[axis] <= second.low[axis] or second.high[axis] <= first.low[axis]:

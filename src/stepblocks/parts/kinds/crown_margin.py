@@ -11,7 +11,7 @@ from typing import ClassVar
 from stepblocks.contact.counterface import Margin
 from stepblocks.contact.operating_point import Tissue, Tool
 from stepblocks.parts.conditions import Gum
-from stepblocks.parts.declared import declare_default, make_rules_validator
+from stepblocks.parts.declared import LabelledText, declare_default, make_rules_validator
 from stepblocks.parts.kind import (
     NANOMETRE,
     CloseUp,
@@ -120,7 +120,7 @@ class CrownMargin(Part):
             exaggeration = choose_exaggeration(rise)
         return CloseUp(exaggeration, width, (0.5 * gap, 0.0, 0.0))
 
-    def derived(self) -> list[list[str]]:
+    def derived(self) -> list[LabelledText]:
         discrepancy = self.absolute_discrepancy
         grade = "above the clinical limit of 100 um"
         if discrepancy <= _CLINICAL_LIMIT * (1.0 + _ROUNDING):

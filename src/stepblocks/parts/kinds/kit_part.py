@@ -21,7 +21,7 @@ from stepblocks.parts.apparatus.layout import (
 )
 from stepblocks.parts.apparatus.solids import Cylinder
 from stepblocks.parts.characteristics import Characteristic
-from stepblocks.parts.declared import make_rules_validator
+from stepblocks.parts.declared import LabelledText, make_rules_validator
 from stepblocks.parts.kind import (
     COARSE_DEFLECTION,
     CloseUp,
@@ -144,7 +144,7 @@ class KitPart(Part):
         sides = [high - low for low, high in zip(extent.low, extent.high, strict=True)]
         return CloseUp(1.0, 0.5 * max(sides), extent.centre)
 
-    def derived(self) -> list[list[str]]:
+    def derived(self) -> list[LabelledText]:
         return [["mass", f"{self.placed_component.mass * 1e3:.4g} g"], ["called", self.title]]
 
     @property

@@ -19,6 +19,7 @@ from stepblocks.files.confined import read_confined
 from stepblocks.parts import margin_line
 from stepblocks.parts.characteristics import Characteristic, make_characteristic, make_plane_rule
 from stepblocks.parts.declared import (
+    LabelledText,
     Table,
     WorkedOut,
     declare_default,
@@ -274,7 +275,7 @@ class ScannedMargin(CrownMargin):
             NANOMETRE,
         )
 
-    def derived(self) -> list[list[str]]:
+    def derived(self) -> list[LabelledText]:
         scan = self.station
         shape = (
             f"crown {math.degrees(scan.crown_slope_rad):+.1f} deg against the tooth, scatter "

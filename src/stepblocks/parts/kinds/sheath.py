@@ -15,6 +15,7 @@ from stepblocks.parts.characteristics import (
     make_plane_rule,
 )
 from stepblocks.parts.declared import (
+    LabelledText,
     Sourced,
     describe_breach,
     make_rules_validator,
@@ -220,7 +221,7 @@ class Sheath(Turned, HeldPart):
         outer = self.outer_diameter.nominal
         return CloseUp(1.0, min(0.6 * outer, _WIDEST_CLOSE_UP), (0.0, 0.0, 0.4 * outer))
 
-    def derived(self) -> list[list[str]]:
+    def derived(self) -> list[LabelledText]:
         least, largest = self.mass_limits
         mass = (
             f"{format_mass(self.mass)} ({format_mass(least)} to {format_mass(largest)} within "

@@ -32,6 +32,7 @@ from stepblocks.parts.characteristics import (
     make_plane_rule,
 )
 from stepblocks.parts.declared import (
+    LabelledText,
     Table,
     WorkingFaces,
     complete_face_demands,
@@ -212,7 +213,7 @@ class StepBlock(Block):
             blocks.append(block)
         return tuple(blocks)
 
-    def derived(self) -> list[list[str]]:
+    def derived(self) -> list[LabelledText]:
         return [
             *list_felt_tolerance_rows(self.tolerance),
             *list_untouched_ball_rows(self.counterface()),

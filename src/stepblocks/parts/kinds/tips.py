@@ -18,6 +18,7 @@ from stepblocks.parts.characteristics import (
     make_plane_rule,
 )
 from stepblocks.parts.declared import (
+    LabelledText,
     Zone,
     declare_default,
     describe_breach,
@@ -141,7 +142,7 @@ class Tip(Turned, HeldPart):
         ball = self.ball_radius.nominal
         return CloseUp(1.0, 2.0 * ball, (0.0, 0.0, 1.5 * ball))
 
-    def derived(self) -> list[list[str]]:
+    def derived(self) -> list[LabelledText]:
         ball = self.ball_radius.nominal
         friction = PAPER.friction
         locking_height = float(compute_locking_height(ball, friction))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from stepblocks.contact.operating_point import Tool
 from stepblocks.declaration.set import StimulusSet
-from stepblocks.files.figures import Axes, make_figure, save_figure, take_axes
+from stepblocks.files.figures import Axes, get_or_make_axes, make_figure_and_axes, save_figure
 from stepblocks.predict.predictions import Model
 from stepblocks.predict.set_design.allowances import EVEN, Allowance
 from stepblocks.predict.set_design.neighbours import MERGED, Neighbours
@@ -127,7 +127,7 @@ class SetDesign:
         matplotlib axes
             With the picture.
         """
-        axis = take_axes(ax)
+        axis = get_or_make_axes(ax)
         axis.set(xscale="log", xlabel=f"vibration energy, {self.model} [uJ]")
         _draw_blocks(axis, self.blocks)
         _draw_missed_targets(axis, self.missed, len(self.blocks))
@@ -142,7 +142,7 @@ class SetDesign:
     def draw(self, path: str | Path) -> None:
         """Write the picture of `plot` as PNG or SVG."""
         height = 1.6 + 0.3 * (len(self.blocks) + len(self.missed))
-        figure, axis = make_figure(height=max(height, 3.0))
+        figure, axis = make_figure_and_axes(height=max(height, 3.0))
         self.plot(axis)
         save_figure(figure, Path(path))
 

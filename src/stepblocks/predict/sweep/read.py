@@ -14,7 +14,7 @@ from stepblocks.contact.uncertainty import convert_half_widths
 from stepblocks.declaration.read import load_set
 from stepblocks.errors import PipelineError, QuantityError
 from stepblocks.files.text import read_document
-from stepblocks.mistakes import Mistake, collect_mistakes, find_unknown_names, format_mistakes
+from stepblocks.mistakes import Mistake, collect_mistakes, format_mistakes, list_unknown_names
 from stepblocks.parts.conditions import PredictionGrid
 from stepblocks.parts.kind import Part
 from stepblocks.predict.predictions import compute_zone_half_width, compute_zone_middle
@@ -129,12 +129,12 @@ class _PlanReader:
 
     def _read_sections(self) -> None:
         """Take the sections apart and refuse names that none has."""
-        self.mistakes += find_unknown_names(self.document, ("sweep", "parameters", "draws", "laws"))
+        self.mistakes += list_unknown_names(self.document, ("sweep", "parameters", "draws", "laws"))
         self.head = _get_section(self.document, "sweep")
         self.parameters = _get_section(self.document, "parameters")
         self.draws = _get_section(self.document, "draws")
         declared_laws = _get_section(self.document, "laws")
-        self.mistakes += find_unknown_names(self.head, _HEAD, "[sweep]")
+        self.mistakes += list_unknown_names(self.head, _HEAD, "[sweep]")
         self.laws = declared_laws  # type: ignore[assignment]  # each is checked where it is built
 
     def _read_choices(self) -> None:
@@ -206,8 +206,8 @@ class _PlanReader:
         known = [*open_names]
         if self.stimuli:
             known.insert(0, "stimulus")
-        self.mistakes += find_unknown_names(self.parameters, known, "[parameters]")
-        self.mistakes += find_unknown_names(self.draws, ("count", "tolerances", *names), "[draws]")
+        self.mistakes += list_unknown_names(self.parameters, known, "[parameters]")
+        self.mistakes += list_unknown_names(self.draws, ("count", "tolerances", *names), "[draws]")
         return open_names
 
     def _read_parameters(self, open_names: list[str]) -> None:
@@ -244,7 +244,7 @@ class _PlanReader:
 
     def _read_range(self, name: str, raw: Section, dimension: str) -> None:
         """Read a range: drawn from in a random design, divided evenly in a grid."""
-        unknown = find_unknown_names(raw, ("from", "to", "count"))
+        unknown = list_unknown_names(raw, ("from", "to", "count"))
         if unknown:
             raise PipelineError(f"{name}: {unknown[0][1]} [parameters]")
         if "from" not in raw or "to" not in raw:

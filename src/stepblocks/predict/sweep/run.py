@@ -17,7 +17,7 @@ from stepblocks.compute.cluster import is_folder_shared, open_cluster
 from stepblocks.compute.seam import run_calls
 from stepblocks.errors import PipelineError
 from stepblocks.files.claim import FolderClaim
-from stepblocks.files.figures import Axes, take_axes
+from stepblocks.files.figures import Axes, get_or_make_axes
 from stepblocks.files.store import FolderStore, ResultStore, open_store
 from stepblocks.predict.renamed_columns import format_renamed_column_hint
 from stepblocks.predict.sweep.plan import SweepPlan
@@ -114,7 +114,7 @@ class SweepResult:
             if self.plan.surface == "step":
                 x = "height_um"
         table = self.read([x, y])
-        axes = take_axes(ax)
+        axes = get_or_make_axes(ax)
         axes.plot(table[x], table[y], ".", markersize=3.0)
         axes.set_xlabel(format_units(format_column_label(x)))
         axes.set_ylabel(format_units(format_column_label(y)))

@@ -17,7 +17,7 @@ _NEVER = 1e9  # pull over load that no hand reaches [1]
 def _write_scene(folder: Path, scene: Scene) -> None:
     """Write a program for one block."""
     # without normals the reader of CHAI3D 3.3 looks for "/" behind the end of what it copied
-    write_obj(folder / "block.obj", scene.whole, normals=True)
+    write_obj(folder / "block.obj", scene.whole, include_normals=True)
     write_stl(folder / "block.stl", scene.whole)
     _write_program(folder, scene.stimulus.id, {"block.obj": scene})
 

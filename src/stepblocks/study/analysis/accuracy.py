@@ -13,7 +13,7 @@ import pandas as pd
 from scipy import linalg, stats
 
 from stepblocks.errors import StudyError
-from stepblocks.files.table_rows import list_names
+from stepblocks.files.table_rows import list_column_names
 from stepblocks.files.tables import Table
 from stepblocks.quantities import format_column_label
 from stepblocks.study.analysis.anova import (
@@ -191,7 +191,7 @@ def _compute_log_spreads(frame: Table) -> Table:
             "participant in every condition"
         )
     spread = (0.5 * np.log(varying)).to_frame("value")
-    for column in list_names(frame):
+    for column in list_column_names(frame):
         if column == "group" or column.startswith(FACTOR):
             spread[column] = cells[column].first()
     table: Table = spread.reset_index()
@@ -286,7 +286,7 @@ def assess_declared_factors(data: Table, complete: Table) -> tuple[Term, ...]:
     tuple of Term
         Empty unless at least two factors are crossed and there are three participants.
     """
-    names = list_factor_columns(list_names(data))
+    names = list_factor_columns(list_column_names(data))
     if len(names) < 2 or len(complete) < 3:
         return ()
     most_levels = data.groupby("participant")[names].nunique().max()

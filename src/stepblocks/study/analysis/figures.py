@@ -12,7 +12,7 @@ import pandas as pd
 from scipy import stats
 
 from stepblocks.contact import Array
-from stepblocks.files.figures import Axes, take_axes
+from stepblocks.files.figures import Axes, get_or_make_axes
 from stepblocks.files.tables import Table
 from stepblocks.quantities import format_column_label
 from stepblocks.study.analysis.accuracy import Measure
@@ -122,7 +122,7 @@ def draw_study_figures(result: Analysis) -> Iterator[StudyFigure]:
 
 def draw_main_figure(result: Analysis, ax: "Axes | None" = None) -> "Axes":
     """Draw the first figure of a study, which has one pair of axes, where it is wanted."""
-    axes = take_axes(ax)
+    axes = get_or_make_axes(ax)
     main = next(_iterate_drawings(result))
     main.draw(SimpleNamespace(subplots=lambda: axes), result)
     return axes

@@ -10,7 +10,7 @@ import pandas as pd
 
 from stepblocks.errors import StepblocksError, StudyError
 from stepblocks.files.layout import UNDECLARED, TableLayout
-from stepblocks.files.table_rows import list_names
+from stepblocks.files.table_rows import list_column_names
 from stepblocks.files.tables import Table
 from stepblocks.mistakes import format_mistakes
 from stepblocks.study.analysis.people import describe_unusual_participants
@@ -431,7 +431,7 @@ def convert_between_factors_to_group(frame: Table) -> Table:
 
     Where nothing else varies, a group is the condition of its participants.
     """
-    names = list_factor_columns(list_names(frame))
+    names = list_factor_columns(list_column_names(frame))
     by_participant = frame.groupby("participant")
     between, dropped = [], []
     for name in names:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from stepblocks.files.atomic import replace_bytes
 from stepblocks.files.pages import render_page
-from stepblocks.files.table_rows import list_rows
+from stepblocks.files.table_rows import list_rows_by_column_name
 from stepblocks.files.tables import format_csv
 from stepblocks.study.analysis.figures import Figure, draw_study_figures
 from stepblocks.study.analysis.prose import format_headline
@@ -95,7 +95,7 @@ def _iterate_page_tables(result: StudyResult) -> Iterator[_PageTable]:
         name = str(analysis)
         if measure:
             name = f"{measure}: {analysis}"
-        yield _PageTable(name, list_rows(rows))
+        yield _PageTable(name, list_rows_by_column_name(rows))
 
 
 def _format_number_or_blank(value: float, digits: int) -> str:

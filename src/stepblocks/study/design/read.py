@@ -278,7 +278,9 @@ def _clean_column_cells(table: TextTable, column_index: int) -> list[str]:
         return list(map(_blank_missing_cell, cells))
     found = table.require_numbers(column_index, StudyError)
     found = replace(found, words=())  # the notes of a study count the missing answers
-    warn_of_notes(filter(None, [found.describe(table.names[column_index])]), table.file)
+    warn_of_notes(
+        filter(None, [found.describe_missing_values(table.names[column_index])]), table.file
+    )
     cleaned = []
     for cell, value in zip(cells, found.values.tolist(), strict=True):
         cleaned.append(_format_plain_number(cell, value, table.notation))

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from stepblocks.errors import StudyError
-from stepblocks.files.table_rows import list_rows
+from stepblocks.files.table_rows import list_rows_by_column_name
 from stepblocks.files.tables import Table
 from stepblocks.study.analysis.accuracy import MEASURES
 from stepblocks.study.analysis.findings import Analysis
@@ -42,7 +42,7 @@ def _simulate_estimates_and_ratings(
     """Simulate estimates in micrometres and ratings, as participants write them."""
     estimates = simulate_estimate_texts(trials, observer, generator)
     vibrating = []
-    for row in list_rows(trials):
+    for row in list_rows_by_column_name(trials):
         texts_of_row = {name: str(value) for name, value in row.items()}
         vibrating.append(VIBRATION_ON in collect_levels_of_trial(texts_of_row))
     people = trials["person"].to_numpy()

@@ -11,7 +11,7 @@ from stepblocks.files.decode import decode_text
 from stepblocks.files.layout import TableLayout
 from stepblocks.files.paths import describe_system_error
 from stepblocks.files.text import measure_file_size
-from stepblocks.files.text_table import TableShape, TextTable, read_names, read_text_table
+from stepblocks.files.text_table import TableShape, TextTable, read_column_names, read_text_table
 from stepblocks.study.columns import COMPARED, NO, YES, NamedColumns, read_number_or_nan
 from stepblocks.study.programs.gorilla import GORILLA
 from stepblocks.study.programs.jspsych import JSPSYCH, parse_json_records
@@ -82,7 +82,7 @@ def read_program_table(path: Path, layout: TableLayout, most_bytes: int) -> Text
         If it cannot be read.
     """
     if not has_json_suffix(path):
-        program = recognise_program(read_names(path))
+        program = recognise_program(read_column_names(path))
         shape = TableShape(keeps_ragged=program is GORILLA)  # its last row may be short
         return read_text_table(path, layout, StudyError, most_bytes, shape)
     try:
@@ -341,7 +341,7 @@ def _drop_unanswered_rows(table: TextTable, answers: Sequence[str]) -> TextTable
     """Leave out events without an answer, such as a fixation: a missed trial has no row then."""
     if not answers:
         return table
-    columns = table.find_columns(answers)
+    columns = table.find_column_indices(answers)
     kept = []
     for number, cells in enumerate(table.rows):
         if any(pick_by_indices(cells, columns)):
@@ -357,7 +357,7 @@ def _join_answers_of_trial(
     Rows belong together that agree in `key_columns`, or without keys in everything but the
     answers. An answer that stands in both begins another trial.
     """
-    columns = table.find_columns(answers)
+    columns = table.find_column_indices(answers)
     varying = [*columns]
     if _REACTION in table.names:
         varying.append(table.names.index(_REACTION))
@@ -393,4 +393,4 @@ def _list_compared_columns(
     for key in keys:
         if key in table.names:
             known_keys.append(key)
-    return table.find_columns(known_keys)
+    return table.find_column_indices(known_keys)
