@@ -83,7 +83,7 @@ def _compute_rms(errors: Floats) -> float:
     return float(np.sqrt(np.mean(finite**2)))
 
 
-def split_within_blocks(trials: Trials, folds: int, seed: int = 0) -> list[Rows]:
+def split_within_blocks(trials: Trials, fold_count: int, seed: int = 0) -> list[Rows]:
     """Split trials at random so that each fold holds some of every block.
 
     Returns
@@ -96,27 +96,27 @@ def split_within_blocks(trials: Trials, folds: int, seed: int = 0) -> list[Rows]
     offset = 0
     for block in np.unique(trials.block):
         rows = generator.permutation(np.flatnonzero(trials.block == block))
-        fold[rows] = (np.arange(len(rows)) + offset) % folds
+        fold[rows] = (np.arange(len(rows)) + offset) % fold_count
         offset += len(rows)
-    return _list_rows_of_folds(fold, folds)
+    return _list_rows_by_fold(fold, fold_count)
 
 
-def _list_rows_of_folds(fold: Rows, folds: int) -> list[Rows]:
+def _list_rows_by_fold(fold_of_row: Rows, fold_count: int) -> list[Rows]:
     """List the rows of each fold, by the fold of each row, shape (n,)."""
-    return [np.flatnonzero(fold == number) for number in range(folds)]
+    return [np.flatnonzero(fold_of_row == number) for number in range(fold_count)]
 
 
-def split_by_block(trials: Trials, most_folds: int) -> list[Rows]:
+def split_by_block(trials: Trials, fold_limit: int) -> list[Rows]:
     """Split trials so that each fold holds whole blocks.
 
     Returns
     -------
     list of arrays
-        Rows of the trials that each fold holds out; at most `most_folds` arrays.
+        Rows of the trials that each fold holds out; at most `fold_limit` arrays.
     """
     _, number = np.unique(trials.block, return_inverse=True)
-    folds = min(most_folds, int(number.max()) + 1)
-    return _list_rows_of_folds(number % most_folds, folds)
+    folds = min(fold_limit, int(number.max()) + 1)
+    return _list_rows_by_fold(number % fold_limit, folds)
 
 
 def select_other_trials(trials: Trials, rows: Rows) -> Trials:
@@ -124,13 +124,13 @@ def select_other_trials(trials: Trials, rows: Rows) -> Trials:
     return trials.take(np.setdiff1d(np.arange(len(trials)), rows))
 
 
-def select_effects_without(
+def select_effects_without_fold(
     model: ForwardModel,
     trials: Trials,
     rows: Rows,
-    candidates: ListCandidates,
+    list_candidates: ListCandidates,
     rules: Rules,
-    values: Mapping[str, float],
+    fitted_values: Mapping[str, float],
 ) -> tuple[str, ...]:
     """Name the effects that a search chooses without the trials of one fold.
 
@@ -144,23 +144,23 @@ def select_effects_without(
         All trials.
     rows : array of int
         Those held out.
-    candidates : callable
+    list_candidates : callable
         Effects that may be asked of a table.
     rules : Rules
-    values : Mapping[str, float]
+    fitted_values : Mapping[str, float]
         Values of the fit of all trials.
     """
     train = select_other_trials(trials, rows)
-    laws = candidates(train)
+    laws = list_candidates(train)
     found = search_effects_and_structure(model, train, laws, rules)
     chosen = tuple(law.id for law in found.extended.effects)
     of_all_trials = {}
     for law in laws:
-        if law.name_in_fit(law.parameters[0].name) in values:
+        if law.name_in_fit(law.parameters[0].name) in fitted_values:
             of_all_trials[law.id] = law
     if not set(chosen) - set(of_all_trials):
         return chosen
-    whole = fit(found.problem, list(of_all_trials.values()), values)
+    whole = fit(found.problem, list(of_all_trials.values()), fitted_values)
     if whole.criterion <= found.extended.criterion + rules.margin:
         return tuple(of_all_trials)
     return chosen
@@ -184,9 +184,9 @@ class HeldOutPredictor:
         Of all trials.
     nominal : Fit
         Of all trials, without effects.
-    ways : sequence of sequences of rows
+    fold_splits : sequence of sequences of rows
         For each way of holding out, the rows of each fold.
-    candidates : callable
+    list_candidates : callable
         Effects that may be asked of a table: one of a specimen that a fold never saw is not.
     """
 
@@ -194,25 +194,25 @@ class HeldOutPredictor:
         self,
         problem: Problem,
         nominal: Fit,
-        ways: Sequence[Sequence[Rows]],
-        candidates: ListCandidates,
+        fold_splits: Sequence[Sequence[Rows]],
+        list_candidates: ListCandidates,
     ) -> None:
         self._problem = problem
         self._nominal = nominal
-        self._model = problem.model
+        self._compute_curve_for_shape = problem.model
         self._trials = problem.trials
-        self._candidates = candidates
+        self._candidates = list_candidates
         self._ways: list[list[_Fold]] = []
-        for rows_of_folds in ways:
+        for rows_of_folds in fold_splits:
             self._ways.append(list(map(self._build_fold, rows_of_folds)))
 
     def _build_fold(self, rows: Rows) -> _Fold:
         """Build the problem of the trials that a fold leaves."""
         train = select_other_trials(self._trials, rows)
         laws = {law.id: law for law in self._candidates(train)}
-        return _Fold(rows, build_problem(self._model, train), laws)
+        return _Fold(rows, build_problem(self._compute_curve_for_shape, train), laws)
 
-    def compute_errors(
+    def compute_held_out_errors(
         self,
         effects: Sequence[Law],
         start: Mapping[str, float] | None = None,
@@ -254,20 +254,20 @@ class HeldOutPredictor:
         prior_shift: float,
     ) -> Floats:
         """Predict the trials that a fold holds out; see `compute_errors`."""
-        known = _list_known_effects(fold.laws, effects)
-        held = [_hold_places(law, start or {}) for law in known]
+        known = _list_effects_known_to_fold(fold.laws, effects)
+        held = [_fix_jump_places(law, start or {}) for law in known]
         fitted = fit(fold.problem, held, start)
         test = self._trials.take(fold.rows)
         starts = {}
-        for p in self._model.parameters(test):
+        for p in self._compute_curve_for_shape.parameters(test):
             starts[p.name] = p.start
             # without a prior the deviation is infinite, and may not be multiplied by zero
             if prior_shift:
                 starts[p.name] = p.start + prior_shift * p.prior_std
-        ahead = Problem(self._model, test, fold.problem.noise)
+        ahead = Problem(self._compute_curve_for_shape, test, fold.problem.noise)
         return ahead.predict(known, starts | fitted.values)
 
-    def find_open_values(self, nominal: Sequence[Floats]) -> list[NDArray[np.bool_]]:
+    def mark_errors_left_open(self, nominal: Sequence[Floats]) -> list[NDArray[np.bool_]]:
         """Find the errors that the unknown of new specimens decides, and no model.
 
         An example is 1 um of an unscanned block that nearly locks.
@@ -277,15 +277,15 @@ class HeldOutPredictor:
         nominal : sequence of arrays
             Errors of the nominal model, as `compute_errors` returns them.
         """
-        lowered = self.compute_errors((), prior_shift=-1.0)
-        raised = self.compute_errors((), prior_shift=1.0)
+        lowered = self.compute_held_out_errors((), prior_shift=-1.0)
+        raised = self.compute_held_out_errors((), prior_shift=1.0)
         left_open = []
         for error, error_lowered, error_raised in zip(nominal, lowered, raised, strict=True):
-            left_open.append(_find_open_values(error, error_lowered, error_raised))
+            left_open.append(_mark_errors_left_open(error, error_lowered, error_raised))
         return left_open
 
 
-def _list_known_effects(laws: Mapping[str, Law], effects: Sequence[Law]) -> list[Law]:
+def _list_effects_known_to_fold(laws: Mapping[str, Law], effects: Sequence[Law]) -> list[Law]:
     """List the effects that the trials of a fold can tell of, as laws of these trials.
 
     What differs by specimen is known of those alone that took part.
@@ -305,7 +305,7 @@ def _list_known_effects(laws: Mapping[str, Law], effects: Sequence[Law]) -> list
     return known
 
 
-def _find_open_values(error: Floats, lowered: Floats, raised: Floats) -> NDArray[np.bool_]:
+def _mark_errors_left_open(error: Floats, lowered: Floats, raised: Floats) -> NDArray[np.bool_]:
     """Mark errors that move by more than a few typical errors; all have the shape (n, c).
 
     `lowered` and `raised` are the errors with the unknown moved either way.
@@ -317,7 +317,7 @@ def _find_open_values(error: Floats, lowered: Floats, raised: Floats) -> NDArray
     return np.asarray(np.isfinite(error) & ~decided)
 
 
-def _hold_places(law: Law, values: Mapping[str, float]) -> Law:
+def _fix_jump_places(law: Law, fitted_values: Mapping[str, float]) -> Law:
     """Hold the places of sudden changes where all trials have put them.
 
     No slope leads a fit of fewer trials back to such a place.
@@ -325,7 +325,7 @@ def _hold_places(law: Law, values: Mapping[str, float]) -> Law:
     parameters = []
     for p in law.parameters:
         if p.name in law.steps:
-            place = values[law.name_in_fit(p.name)]
+            place = fitted_values[law.name_in_fit(p.name)]
             parameters.append(replace(p, low=place - _PLACE_SLACK, high=place + _PLACE_SLACK))
         else:
             parameters.append(p)

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from typing import ClassVar
 
-from stepblocks.contact.relieved_step import RelievedStep, describe_least_riding_ball
+from stepblocks.contact.relieved_step import RelievedStep, format_least_riding_ball
 from stepblocks.parts.body import Body
 from stepblocks.parts.body_solid import compute_section_volume
 from stepblocks.parts.characteristics import (
@@ -110,4 +110,4 @@ def describe_untouched_balls(face: object) -> list[list[str]]:
     """Return a row that says which balls do not touch the relief; no row for a plain step."""
     if not isinstance(face, RelievedStep):
         return []
-    return [["balls that do not reach the relief", describe_least_riding_ball(face)]]
+    return [["balls that do not reach the relief", format_least_riding_ball(face)]]

@@ -114,7 +114,7 @@ class DeclarationForm:
     def __init__(self, draft: Draft, name: str, model: ModelChoice) -> None:
         self._draft = draft
         self._name = name
-        self._model = model
+        self._compute_curve_for_shape = model
         self._place: StanzaPlace | None = None
         self._inputs: dict[str, ui.input] = {}
         self._fields: list[FormField] = []
@@ -150,7 +150,7 @@ class DeclarationForm:
         self._commands = ui.column().classes("w-full")
         if is_file(self._draft.path):
             self._show_commands()
-        self._model.on_change(self._follow_model)
+        self._compute_curve_for_shape.on_change(self._follow_model)
         places = list(self._draft.list_stanzas())
         if not places:
             places = [self._draft.add_stanza(next(iter(kinds)))]
@@ -283,7 +283,7 @@ class DeclarationForm:
             check_and_predict,
             self._draft.text,
             self._draft.path,
-            self._model.learned,
+            self._compute_curve_for_shape.learned,
             self._kept_by_formula,
         )
         if found is None or is_gone(self._form):  # closed
@@ -293,7 +293,7 @@ class DeclarationForm:
         if found.checked.stimuli is None or found.reason:
             self._view.show_mistakes([*found.checked.mistakes, *found.reason])
             return
-        self._view.show_felt(found.felt, self._model.name, is_dragged=False)
+        self._view.show_felt(found.felt, self._compute_curve_for_shape.name, is_dragged=False)
         self._view.show_part(found.checked.stimuli, self._place, self._find_identity())
         self._beside.request()
 
@@ -314,14 +314,14 @@ class DeclarationForm:
         felt = await run.io_bound(
             predict_felt,
             found.checked.stimuli,
-            self._model.learned,
+            self._compute_curve_for_shape.learned,
             dragged=True,
             kept=self._kept_in_time,
             is_wanted=lambda: not self._has_changed(number),
         )
         if not felt or self._has_changed(number) or is_gone(self._form):
             return
-        self._view.show_felt(felt, self._model.name, is_dragged=True)
+        self._view.show_felt(felt, self._compute_curve_for_shape.name, is_dragged=True)
 
     def _has_changed(self, number: int) -> bool:
         """Tell whether anything was changed since."""
@@ -363,7 +363,7 @@ class DeclarationForm:
         """Show the commands that predict what the file declares."""
         self._commands.clear()
         with self._commands:
-            for command in make_prediction_commands(self._name, self._model.name):
+            for command in make_prediction_commands(self._name, self._compute_curve_for_shape.name):
                 show_command(command)
 
 
