@@ -41,7 +41,7 @@ from stepblocks.bench.measure import measure_session
 from stepblocks.bench.session import open_session
 from stepblocks.lawsearch.explain import explain
 from stepblocks.lawsearch.findings import Explanation, Rules, Verdict
-from stepblocks.lawsearch.gate import compute_detectable
+from stepblocks.lawsearch.gate import compute_detectable_amplitudes
 from stepblocks.loop import bench_model
 from stepblocks.loop.block_scans import measure_block_scans
 from stepblocks.loop.columns import CHANNEL_COLUMNS, Scale
@@ -415,7 +415,7 @@ def _size_missed(found: Explanation, values: dict[str, float]) -> list[list[floa
     problem = found.problem
     assert isinstance(problem.model, bench_model.SessionModel)
     laws = problem.model.candidates(problem.trials)
-    shown = compute_detectable(problem, found.nominal, laws, found.needed)
+    shown = compute_detectable_amplitudes(problem, found.nominal, laws, found.needed)
     starts = {f"{law.id}.{p.name}": (law.id, p.start) for law in laws for p in law.parameters}
     return [
         [abs(values[name] - start), float(shown[law])]

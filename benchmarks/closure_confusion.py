@@ -36,9 +36,9 @@ from stepblocks.lawsearch.explain import explain
 from stepblocks.lawsearch.findings import Explanation, Finding, Rules, Verdict
 from stepblocks.lawsearch.fit import fit
 from stepblocks.lawsearch.forward_model import Trials
-from stepblocks.lawsearch.identifiability import compare_directions
+from stepblocks.lawsearch.identifiability import find_indistinguishable_effects
 from stepblocks.lawsearch.law import Law, Parameter
-from stepblocks.loop.bench_model import SessionModel, list_candidates, list_covariate_ranges
+from stepblocks.loop.bench_model import SessionModel, list_candidate_laws, list_covariate_ranges
 from stepblocks.rig.effects.grammar.slots import SLOT_MOVES
 from stepblocks.rig.state import CHANNELS
 
@@ -149,7 +149,7 @@ def planted(name: str, columns: dict[str, Any], target: float) -> Planted:
     if name in FOREIGN:
         return sized(foreign_effect(name, columns), "size", 0.01, {}, columns, target)
     empty = bench_trials(columns, 0)
-    effect = {e.id: e for e in list_candidates(empty, list_covariate_ranges(empty), True)}[name]
+    effect = {e.id: e for e in list_candidate_laws(empty, list_covariate_ranges(empty), True)}[name]
     amplitude, first, rest = NAMED[name]
     if "settling_trials" in rest:
         rest = {"settling_trials": rest["settling_trials"] * len(columns["block"])}
@@ -170,7 +170,7 @@ def run_one(task: Task) -> dict[str, Any]:
     )
     began = time.perf_counter()
     found = explain(
-        model, table, list_candidates(table, list_covariate_ranges(table)), Rules(draws=300)
+        model, table, list_candidate_laws(table, list_covariate_ranges(table)), Rules(draws=300)
     )
     seconds = time.perf_counter() - began
     outcome = (
@@ -249,10 +249,10 @@ def group_named(found: Explanation) -> str:
     table = found.problem.trials
     effects = [
         e
-        for e in list_candidates(table, list_covariate_ranges(table), True)
+        for e in list_candidate_laws(table, list_covariate_ranges(table), True)
         if e.id == "block_tilt"
     ]
-    directions = compare_directions(found.problem, found.nominal, effects)
+    directions = find_indistinguishable_effects(found.problem, found.nominal, effects)
     by = directions.imitated_by_constants.get("block_tilt", ())
     return "group named" if not found.findings and "friction" in by else "wrong"
 

@@ -26,7 +26,7 @@ from stepblocks.loop.rehearsal import rehearse_once
 from stepblocks.predict.sweep.plan import SweepPlan
 from stepblocks.predict.sweep.read import load_sweep
 from stepblocks.predict.sweep.run import run_sweep
-from stepblocks.rehearse.plan import SessionPlan, read_plan
+from stepblocks.rehearse.plan import SessionPlan, read_session_plan
 
 PLAN = """
 [sweep]
@@ -149,7 +149,7 @@ def main() -> None:
                 if workers == with_a_core:
                     calls_per_second = measure_calls(client)
                     rates["drags"] = rate
-                    rates["rehearsals"] = measure_rehearsals(read_plan(SESSION), client)
+                    rates["rehearsals"] = measure_rehearsals(read_session_plan(SESSION), client)
     print(f"\nscheduler: {calls_per_second:.0f} calls/s")
     print(
         f"{LARGE_CLUSTER} workers are busy while each call takes "

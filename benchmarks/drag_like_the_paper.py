@@ -17,7 +17,12 @@ from stepblocks.contact.critical_angle import find_step_angle
 from stepblocks.contact.energy import Status, find_release
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.drag.probe import PAPER_DRAG, DragSettings, Probe
-from stepblocks.drag.ring import RING_BAND, compute_band_share, compute_phase_spectrum, measure_ring
+from stepblocks.drag.ring import (
+    RING_BAND,
+    compute_phase_spectrum,
+    compute_spectral_band_share,
+    measure_ring,
+)
 from stepblocks.drag.simulate import DragTrace, simulate_drag
 from stepblocks.drag.track import build_step_track
 from stepblocks.files.figures import make_figure_and_axes, save_figure
@@ -55,7 +60,9 @@ def row(
         )
         return trace
     ring = measure_ring(trace)
-    normal = compute_band_share(*compute_phase_spectrum(trace, "vibration", "fy_n"), RING_BAND)
+    normal = compute_spectral_band_share(
+        *compute_phase_spectrum(trace, "vibration", "fy_n"), RING_BAND
+    )
     print(
         f"| {name} | {height * 1e6:.0f} | {load:g} | {mu:g} | {trace.peak_force:.3f} | "
         f"{formula.pull_force:.3f} "
@@ -144,7 +151,7 @@ def shares() -> np.ndarray:
             build_step_track(height, R), PAPER_DRAG, DragSettings(load, friction, speed=speed)
         )
         if trace.status is Status.RELEASES:
-            share[place] = measure_ring(trace, spectra=False).share
+            share[place] = measure_ring(trace, with_spectra=False).share
     return share
 
 

@@ -136,7 +136,7 @@ def _texts(work: Path) -> Iterator[Kind]:
     from stepblocks.records.model import build_model_document, read_model
     from stepblocks.records.qif import write_qif
     from stepblocks.records.qif_read import read_qif_results
-    from stepblocks.rehearse.plan import read_plan
+    from stepblocks.rehearse.plan import read_session_plan
 
     yield (
         "stimuli",
@@ -171,7 +171,7 @@ def _texts(work: Path) -> Iterator[Kind]:
         "plans",
         (
             [("p.toml", plan + effects + b'covariate = "run_order"\nsize = 0.5\nspan = 40\n')],
-            read_plan,
+            read_session_plan,
         ),
     )
     model = json.dumps(build_model_document(make_learned_model(std=0.1))).encode()
@@ -367,14 +367,14 @@ def _traces(work: Path) -> Iterator[Kind]:
     from stepblocks.bench.session import FORMATS, open_session
     from stepblocks.bench.signal import Trace
     from stepblocks.bench.traces import Traces
-    from stepblocks.rehearse.trace_files import TRACE_FILES, open_writer
+    from stepblocks.rehearse.trace_files import TRACE_FILES, open_trace_writer
 
     time = np.arange(600) / 1e4
     trace = Trace(time, np.sin(60.0 * time), np.cos(50.0 * time))
     for kind in FORMATS:
         folder, written = work / f"traces-{kind}", "csv" if kind == "csv" else "hdf5"
         folder.mkdir()
-        with open_writer(folder, written) as write:
+        with open_trace_writer(folder, written) as write:
             for trial in (1, 2):
                 write(trial, trace)
         if kind not in TRACE_FILES:

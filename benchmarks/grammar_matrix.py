@@ -31,11 +31,11 @@ from stepblocks.contact.operating_point import Tool
 from stepblocks.lawsearch.explain import explain
 from stepblocks.lawsearch.findings import Explanation, Rules, Verdict
 from stepblocks.lawsearch.law import Law, Parameter
-from stepblocks.lawsearch.run_order import bound_jump_place
+from stepblocks.lawsearch.run_order import compute_jump_place_interval
 from stepblocks.loop.bench_model import (
     SessionModel,
-    find_followed_column,
-    list_candidates,
+    get_covariate_column,
+    list_candidate_laws,
     list_covariate_ranges,
 )
 from stepblocks.rig.effects.grammar.slots import SLOT_MOVES
@@ -178,8 +178,8 @@ def check_intervals(
             low = values[name] - 1.96 * stds[name]
             high = values[name] + 1.96 * stds[name]
             if name in law.steps:
-                column = find_followed_column(problem.trials, fitted.predicted, law.covariate)
-                low, high = bound_jump_place(problem, fitted, law, name, column)
+                column = get_covariate_column(problem.trials, fitted.predicted, law.covariate)
+                low, high = compute_jump_place_interval(problem, fitted, law, name, column)
             holds[f"{law.id}.{name}"] = bool(low <= true <= high)
     return holds
 
@@ -198,7 +198,7 @@ def run_session(task: tuple[tuple[str, str, str] | None, int, int]) -> dict[str,
     table = bench_trials(columns, seed, truth)
     model = SessionModel(Tool(frequency=300.0, decay_time=0.02), scanned=block_scans(columns, seed))
     began = time.process_time()
-    candidates = list_candidates(table, list_covariate_ranges(table))
+    candidates = list_candidate_laws(table, list_covariate_ranges(table))
     # the matrices are small: threads of the linear algebra only wait for each other
     with threadpool_limits(limits=1, user_api="blas"):
         found = explain(model, table, candidates, Rules(draws=300))

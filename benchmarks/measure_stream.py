@@ -18,7 +18,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from stepblocks.rehearse.record import Rig, Truth, record_trial
+from stepblocks.rehearse.record import Rig, Truth, record_trial_by_equations
 
 HEAD = """schema = 1
 [probe]
@@ -30,8 +30,8 @@ channels = { time = "time_s", tangential = "fx_n", normal = "fy_n" }
 """
 RUN = """
 import sys
-from stepblocks.bench.measure import write_features
-write_features(sys.argv[1], sys.argv[2], jobs=int(sys.argv[3]))
+from stepblocks.bench.measure import measure_session_to_file
+measure_session_to_file(sys.argv[1], sys.argv[2], jobs=int(sys.argv[3]))
 """
 
 
@@ -42,7 +42,7 @@ def write(folder: Path, count: int) -> None:
         for kind in range(16):
             peak = 0.6 + 0.1 * kind
             truth = Truth(0.8, 0.12, 98.1, peak, 0.45 * peak, 300.0, 21.2e-3)
-            trace = record_trial(truth, Rig(), random)[0]
+            trace = record_trial_by_equations(truth, Rig(), random)[0]
             file[f"kinds/{kind}/time_s"] = trace.time.astype("f4")
             file[f"kinds/{kind}/fy_n"] = trace.normal.astype("f4")
             pulls.append(trace.tangential)

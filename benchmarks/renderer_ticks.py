@@ -24,9 +24,9 @@ from stepblocks.declaration.read import load_set
 from stepblocks.declaration.set import choose_operating_point
 from stepblocks.haptics.renderer import Renderer
 from stepblocks.parts.kind import Part
-from stepblocks.simulators.assemble import build_scene, lay_out_teeth, resolve_contact
+from stepblocks.simulators.assemble import build_scene, iterate_scanned_teeth, resolve_contact
 from stepblocks.simulators.export import export_scenes
-from stepblocks.simulators.scene import write_tooth
+from stepblocks.simulators.scene import write_tooth_scene
 from stepblocks.simulators.scenes import SCENE_FORMATS
 
 RATE = 10e3
@@ -82,9 +82,9 @@ def tooth() -> np.ndarray:
             build_scene(resolve_contact(part, choose_operating_point(stimuli, part, {})))
             for part in stimuli.stimuli
         ]
-        ((mesh, stations),) = lay_out_teeth(scenes, source.parent)
+        ((mesh, stations),) = iterate_scanned_teeth(scenes, source.parent)
         folder = Path(name) / "native"
-        write_tooth(folder, mesh, stations, SCENE_FORMATS["native"])
+        write_tooth_scene(folder, mesh, stations, SCENE_FORMATS["native"])
         for command in (["-S", ".", "-B", "build"], ["--build", "build"]):
             subprocess.run(["cmake", *command], cwd=folder, capture_output=True, check=True)
         path = folder / "stepblocks_native.py"

@@ -24,7 +24,7 @@ import numpy as np
 
 from stepblocks.contact.event import compute_ring_energy
 from stepblocks.haptics.hands import Mouse
-from stepblocks.haptics.servo import raise_priority
+from stepblocks.haptics.servo import request_real_time_priority
 from stepblocks.study.conduct.run import Run, open_run
 from stepblocks.study.conduct.server import RunServer
 from stepblocks.study.run import design_study
@@ -132,9 +132,9 @@ def by_hand(server: RunServer, seconds: float) -> None:
     assert isinstance(hand, Mouse)
 
     def move() -> None:
-        raise_priority(10)
+        request_real_time_priority(10)
         for x in places(seconds):
-            hand.update_position(x, True)
+            hand.update_target(x, True)
             time.sleep(1.0 / 60.0)
 
     mover = threading.Thread(target=move)
@@ -148,7 +148,7 @@ def checked(run: Run) -> tuple[np.ndarray, float, float]:
     assert servo is not None
     assert run.blocks is not None
     servo.stop()
-    record, renderer = servo.get_columns(), servo.renderer
+    record, renderer = servo.get_log_columns(), servo.renderer
     force, worst, before = np.zeros((servo.ticks, 3)), 0.0, 0.0
     for index in range(servo.ticks):
         position = np.array([record[f"{axis}_m"][index] for axis in "xyz"])
@@ -189,7 +189,7 @@ def compiled(folder: Path) -> str:
 
 def served(server: RunServer) -> None:
     """Serve as `RunServer.serve_until_done` does, without its end."""
-    raise_priority(10)
+    request_real_time_priority(10)
     server.serve_forever(poll_interval=0.1)
 
 

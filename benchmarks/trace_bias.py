@@ -28,7 +28,7 @@ from stepblocks.bench.signal.features import measure_trace
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.operating_point import OperatingPoint, Tool
 from stepblocks.loop.session_table import build_session_table
-from stepblocks.rehearse.record import Rig, Truth, record_drag, record_trial
+from stepblocks.rehearse.record import Rig, Truth, record_trial_by_drag, record_trial_by_equations
 from stepblocks.rig.state import CHANNELS
 
 K = 9810.0
@@ -106,7 +106,7 @@ def measure_records(
     random = np.random.default_rng(seed)
     for _ in range(count):
         truth = draw(random, rubbing)
-        trace, onset, release = record_trial(truth, rig, random)
+        trace, onset, release = record_trial_by_equations(truth, rig, random)
         # a session tells frequency and decay of its tool from a few clear trials
         features = measure_trace(
             trace, K, truth.slope / K, (truth.frequency, truth.decay_time)
@@ -157,7 +157,7 @@ def dragged(count: int, seed: int = 7) -> dict[str, tuple[float, float, float, f
         point = OperatingPoint(
             125e-6, load, 0.16, Tool(stiffness=K, frequency=270.0, decay_time=28.4e-3), speed
         )
-        trial = record_drag(Step(height), point, Rig(), random)
+        trial = record_trial_by_drag(Step(height), point, Rig(), random)
         if trial is None or trial.amplitude < 0.05:
             continue  # locked, or climbed down without a ring
         features = measure_trace(trial.trace, K, speed, (270.0, 28.4e-3)).features

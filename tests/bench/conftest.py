@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stepblocks.rehearse.record import Rig, Truth, record_trial
-from stepblocks.rehearse.trace_files import TRACE_FILES, open_writer
+from stepblocks.rehearse.record import Rig, Truth, record_trial_by_equations
+from stepblocks.rehearse.trace_files import TRACE_FILES, open_trace_writer
 
 K = 9810.0
 HEIGHTS = (20, 40, 60)
@@ -55,9 +55,9 @@ def write_session(folder: Path, count: int = 6, kind: str = "csv", rig: Rig | No
     (folder / "session.toml").write_text(DECLARATION.format(traces=TRACE_FILES[kind]))
     lines = ["trial,block,height_um,load_n,speed_mm_s,operator"]
     random = np.random.default_rng(1)
-    with open_writer(folder, kind) as write:
+    with open_trace_writer(folder, kind) as write:
         for number, (h, n, v) in enumerate(conditions(count), start=1):
-            trace, _, _ = record_trial(truth_of(h, n, v), rig or Rig(), random)
+            trace, _, _ = record_trial_by_equations(truth_of(h, n, v), rig or Rig(), random)
             write(number, trace)
             lines.append(f"{number},step-{h:03d},{h},{n},{v},A")
     (folder / "trials.csv").write_text("\n".join(lines) + "\n")

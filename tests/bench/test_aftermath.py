@@ -10,11 +10,14 @@ import pytest
 
 from oracles.traces import Course, hum
 from stepblocks.bench.signal import kernels
-from stepblocks.bench.signal.aftermath import Swing, fit_aftermath, fit_bell
+from stepblocks.bench.signal.aftermath import Swing, fit_aftermath, fit_bell_ring
 from stepblocks.bench.signal.approach import fit_approach
 from stepblocks.bench.signal.landmarks import find_landmarks
-from stepblocks.bench.signal.normal import measure_normal_level, measure_sympathetic_force
-from stepblocks.bench.signal.peak import _find_corner_of_fall
+from stepblocks.bench.signal.normal import (
+    measure_normal_ring_amplitude,
+    measure_sliding_normal_force,
+)
+from stepblocks.bench.signal.peak import _find_corner_from_fall
 from stepblocks.bench.signal.rubbing import RubbingRing, compute_rubbing_force
 
 COURSE = Course()
@@ -58,11 +61,11 @@ def test_a_bell_is_taken_for_a_bell_with_its_figures():
 def test_counted_from_the_release_the_amplitude_is_that_of_the_release():
     force = COURSE.force(TIME) + noise(TIME.size)
     _, marks, approach = measure(TIME, force)
-    again = fit_bell(TIME, force, COURSE.release, approach.mains_frequency, marks.noise)
+    again = fit_bell_ring(TIME, force, COURSE.release, approach.mains_frequency, marks.noise)
     amplitude, std = again.amplitude
     assert again.start == COURSE.release
     assert amplitude == pytest.approx(COURSE.amplitude, abs=4.0 * std)
-    later = again.carry_to(COURSE.release + 5e-3)
+    later = again.carry_amplitude_to(COURSE.release + 5e-3)
     # origin: exp(-5 ms / tau)
     assert later.amplitude[0] / amplitude == pytest.approx(
         np.exp(-5e-3 / again.decay_time[0]), rel=1e-9
@@ -116,7 +119,7 @@ def test_the_load_is_the_normal_force_while_sliding_whatever_hums_or_drifts():
     drift = 0.1 * (TIME - 0.5 * COURSE.onset)
     normal = COURSE.load + humming + drift + noise(TIME.size)
     normal[COURSE.onset < TIME] += 5.0  # the climb is no sliding
-    load, std = measure_normal_level(TIME, normal, approach)
+    load, std = measure_sliding_normal_force(TIME, normal, approach)
     assert load == pytest.approx(COURSE.load, abs=4.0 * std + 1e-4)
     # origin: s / sqrt(n), more for the hum that is fitted along
     assert 2e-3 / np.sqrt(600) < std < 2.0 * 2e-3 / np.sqrt(600)
@@ -128,7 +131,9 @@ def test_the_sympathetic_ring_is_found_at_any_phase(phase):
     after, _, approach = measure(TIME, force)
     turned = Course(amplitude=0.13, phase=phase)
     normal = COURSE.load + turned.ring(TIME) + noise(TIME.size, seed=1)
-    size, std = measure_sympathetic_force(TIME, normal, approach, after.carry_to(COURSE.release))
+    size, std = measure_normal_ring_amplitude(
+        TIME, normal, approach, after.carry_amplitude_to(COURSE.release)
+    )
     assert size == pytest.approx(0.13, abs=4.0 * std)
     assert std < 3e-3
 
@@ -136,7 +141,7 @@ def test_the_sympathetic_ring_is_found_at_any_phase(phase):
 def test_a_normal_force_at_rest_has_no_sympathetic_ring():
     force = COURSE.force(TIME) + noise(TIME.size)
     after, _, approach = measure(TIME, force)
-    size, std = measure_sympathetic_force(
+    size, std = measure_normal_ring_amplitude(
         TIME, COURSE.load + noise(TIME.size, seed=1), approach, after
     )
     assert size < 4.0 * std
@@ -147,9 +152,9 @@ def test_the_kernel_of_a_rubbing_ring_gives_compiled_what_it_gives_as_python(mon
     time = TIME[:400]
     arguments = (time, (0.12, GAP), (270.0, 28e-3), (1.6, -50.0), 98.1)
     force = compute_rubbing_force(time, 0.12, GAP, (270.0, 28e-3), (1.6, -50.0), 98.1)
-    for part in ("_find_turn", "_fill_swing", "_fill_ramp"):
+    for part in ("_find_turning_time", "_fill_swing_samples", "_fill_ramp_samples"):
         monkeypatch.setattr(kernels, part, getattr(kernels, part).py_func)
-    np.testing.assert_allclose(kernels.compute_rubbing.py_func(*arguments), force, rtol=1e-9)
+    np.testing.assert_allclose(kernels.compute_rubbing_curve.py_func(*arguments), force, rtol=1e-9)
 
 
 @pytest.mark.parametrize("jitter", [0.0, 1e-8, 2e-5])
@@ -173,7 +178,7 @@ def test_the_corner_before_a_tip_that_rubs_lies_between_two_samples(shift):
     force[RUBBING.onset > TIME] = RUBBING.level
     marks = find_landmarks(TIME, force)
     approach = fit_approach(TIME, force, marks, None)
-    found = _find_corner_of_fall(TIME, force, marks, approach)
+    found = _find_corner_from_fall(TIME, force, marks, approach)
     assert found.time == pytest.approx(release, abs=2e-6)
     assert found.force == pytest.approx(peak, abs=1e-3)
 
@@ -182,7 +187,7 @@ def test_a_normal_channel_that_reads_nothing_has_no_ring_and_no_missing_number()
     force = COURSE.force(TIME) + noise(TIME.size)
     after, _, approach = measure(TIME, force)
     # origin: the least squares of nothing are nothing
-    assert measure_sympathetic_force(TIME, np.zeros(TIME.size), approach, after) == (0.0, 0.0)
+    assert measure_normal_ring_amplitude(TIME, np.zeros(TIME.size), approach, after) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize("scale", [1.0, 100.0])
@@ -206,7 +211,7 @@ def test_a_corner_that_a_parabola_leaves_is_as_uncertain_as_its_extrapolation():
     force[RUBBING.onset > TIME] = RUBBING.level
     marks = replace(find_landmarks(TIME, force), noise=15e-3)
     approach = fit_approach(TIME, force, marks, None)
-    found = _find_corner_of_fall(TIME, force, marks, approach)
+    found = _find_corner_from_fall(TIME, force, marks, approach)
     # closed form: the parabola goes through six equal steps, the first of which has fallen by five
     # times the noise; at u steps from their middle it is known to this many variances
     first = np.flatnonzero(RUBBING.peak + RUBBING.slope * since - force > 75e-3)[0]
@@ -223,7 +228,7 @@ def test_how_early_a_release_may_lie_within_a_sample_is_part_of_the_sympathetic_
     after, _, approach = measure(TIME, force)
     normal = COURSE.load + Course(amplitude=0.13).ring(TIME) + noise(TIME.size, seed=1)
     (size, known), (_, late) = (
-        measure_sympathetic_force(TIME, normal, approach, replace(after, sample=sample))
+        measure_normal_ring_amplitude(TIME, normal, approach, replace(after, sample=sample))
         for sample in (0.0, 1e-3)
     )
     # closed form: a ring that decays loses A dt / tau in a sample, beside what else is uncertain

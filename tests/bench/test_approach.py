@@ -9,7 +9,7 @@ import pytest
 from oracles.releases import Fall, Release, record_release
 from oracles.traces import Course, hum
 from stepblocks.bench.faults import LandmarkError
-from stepblocks.bench.signal.approach import find_mains, fit_approach
+from stepblocks.bench.signal.approach import find_mains_frequency, fit_approach
 from stepblocks.bench.signal.landmarks import estimate_white_noise, find_landmarks
 
 COURSE = Course()
@@ -86,7 +86,7 @@ def test_without_noise_the_corner_and_the_slope_come_back():
 def test_the_mains_is_found_from_the_record_and_its_hum_taken_apart(mains):
     disturbance = hum(TIME, 20e-3, mains)
     force = COURSE.force(TIME) + disturbance + noise(1e-3)
-    assert find_mains(TIME[:600], force[:600]) == mains
+    assert find_mains_frequency(TIME[:600], force[:600]) == mains
     found = approached(force)
     assert found.mains_frequency == mains
     np.testing.assert_allclose(found.compute_hum(TIME), disturbance, atol=1e-3)

@@ -11,7 +11,7 @@ import h5py
 import pytest
 
 from stepblocks.bench.faults import TraceError
-from stepblocks.bench.measure import write_features
+from stepblocks.bench.measure import measure_session_to_file
 from stepblocks.bench.session import open_session
 from stepblocks.bench.traces import Traces
 
@@ -97,5 +97,5 @@ def test_a_session_without_a_column_of_blocks_is_measured(session, tmp_path):
         for line in lines
     ]
     (session / "trials.csv").write_text("\n".join(left) + "\n")
-    summary = write_features(session, tmp_path / "features.csv", jobs=1)
+    summary = measure_session_to_file(session, tmp_path / "features.csv", jobs=1)
     assert summary.total - summary.excluded == 6

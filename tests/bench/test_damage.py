@@ -12,14 +12,14 @@ import pandas as pd
 import pytest
 
 from oracles.trace_files import turned
-from stepblocks.bench.measure import write_features
+from stepblocks.bench.measure import measure_session_to_file
 from stepblocks.cli import main
 from stepblocks.errors import StepblocksError
 
 
 def run(folder, tmp_path):
     output = tmp_path / "features.csv"
-    summary = write_features(folder, output, jobs=1)
+    summary = measure_session_to_file(folder, output, jobs=1)
     with output.open(newline="") as file:
         return summary, list(csv.DictReader(file))
 
@@ -160,7 +160,7 @@ def test_a_session_that_cannot_be_read_ends_in_one_line(name, session, tmp_path,
     damage, message = SESSION_DAMAGE[name]
     damage(session)
     with pytest.raises(StepblocksError, match=message) as caught:
-        write_features(session, tmp_path / "out.csv", jobs=1)
+        measure_session_to_file(session, tmp_path / "out.csv", jobs=1)
     assert "\n" not in str(caught.value)
     assert (
         main(["measure", str(session), "-o", str(tmp_path / "out.csv"), "--jobs", "1", "--quiet"])
@@ -332,10 +332,10 @@ def test_a_container_that_is_cut_off_or_missing_is_one_clear_error(kind, make_se
     data = path.read_bytes()
     path.write_bytes(data[: len(data) // 3] if kind != "tdms" else b"nonsense" * 40)
     with pytest.raises(StepblocksError, match=r"traces cannot be read|no trial of"):
-        write_features(folder, tmp_path / "out.csv", jobs=1)
+        measure_session_to_file(folder, tmp_path / "out.csv", jobs=1)
     path.unlink()
     with pytest.raises(StepblocksError, match="traces are missing"):
-        write_features(folder, tmp_path / "out.csv", jobs=1)
+        measure_session_to_file(folder, tmp_path / "out.csv", jobs=1)
 
 
 def test_a_damaged_group_of_an_hdf5_file_costs_its_own_trial(make_session, tmp_path):
@@ -357,4 +357,4 @@ def test_nothing_of_the_users_is_written_to(session, tmp_path):
     run(session, tmp_path)
     assert {path: path.read_bytes() for path in session.rglob("*") if path.is_file()} == before
     with pytest.raises(StepblocksError, match="must not replace a file of the session"):
-        write_features(session, session / "trials.csv", jobs=1)
+        measure_session_to_file(session, session / "trials.csv", jobs=1)

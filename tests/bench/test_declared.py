@@ -8,7 +8,7 @@ import pytest
 
 from oracles.virtual_bench import Bench
 from oracles.virtual_session import Plan, write_session
-from stepblocks.bench.measure import measure_session, write_features
+from stepblocks.bench.measure import measure_session, measure_session_to_file
 from stepblocks.errors import BenchError, PipelineError
 from stepblocks.loop.run import loop_session
 
@@ -101,7 +101,9 @@ def test_each_slip_of_an_engineer_s_records_is_refused_and_no_table_is_written(
 ):
     # the README of these records tells the slip of each
     with pytest.raises(BenchError, match=slip):
-        write_features(shared_bench / "lab" / "slips" / name, tmp_path / "features.csv", jobs=1)
+        measure_session_to_file(
+            shared_bench / "lab" / "slips" / name, tmp_path / "features.csv", jobs=1
+        )
     assert not list(tmp_path.iterdir())
 
 

@@ -13,8 +13,8 @@ from stepblocks.bench.faults import LandmarkError
 from stepblocks.bench.signal import Trace
 from stepblocks.bench.signal.features import FEATURE_COLUMNS, measure_trace
 from stepblocks.bench.signal.rubbing import compute_rubbing_force, fit_rubbing_ring
-from stepblocks.bench.signal.spectrum import compute_band_share
-from stepblocks.rehearse.record import Rig, Truth, record_trial
+from stepblocks.bench.signal.spectrum import compute_energy_share_in_band
+from stepblocks.rehearse.record import Rig, Truth, record_trial_by_equations
 
 K = 9810.0
 PLAIN = Truth(
@@ -51,7 +51,9 @@ def pulls(rig: Rig, count: int, seed: int, truth: Truth = PLAIN) -> dict[str, np
     random = np.random.default_rng(seed)
     found = {name: [] for name in EXPECTED}
     for _ in range(count):
-        features = measure_trace(record_trial(truth, rig, random)[0], K, truth.slope / K).features
+        features = measure_trace(
+            record_trial_by_equations(truth, rig, random)[0], K, truth.slope / K
+        ).features
         for name, (value, std) in EXPECTED.items():
             found[name].append((features[name] - value) / features[std])
     return {name: np.array(values) for name, values in found.items()}
@@ -70,7 +72,7 @@ def test_no_disturbance_biases_a_feature_and_uncertainties_are_honest(name):
 
 def test_a_drift_moves_the_zero_and_nothing_else():
     random = np.random.default_rng(5)
-    trace, onset, _ = record_trial(PLAIN, Rig(drift=50e-3), random)
+    trace, onset, _ = record_trial_by_equations(PLAIN, Rig(drift=50e-3), random)
     features = measure_trace(trace, K, PLAIN.slope / K).features
     zero = 50e-3 * onset / 2.0
     assert features["peak_force_n"] == pytest.approx(
@@ -86,7 +88,7 @@ def test_a_drift_moves_the_zero_and_nothing_else():
 
 def test_without_disturbance_the_truth_comes_back():
     rig = Rig(hum=0.0, quantum=0.0, noise=1e-7)
-    trace, onset, release = record_trial(PLAIN, rig, np.random.default_rng(2))
+    trace, onset, release = record_trial_by_equations(PLAIN, rig, np.random.default_rng(2))
     features = measure_trace(trace, K, PLAIN.slope / K).features
     assert set(features) == set(FEATURE_COLUMNS)
     assert features["loading_onset_s"] == pytest.approx(onset, abs=1e-7)
@@ -97,7 +99,7 @@ def test_without_disturbance_the_truth_comes_back():
 
 
 def test_energy_goes_with_the_square_of_the_forces_and_one_over_the_stiffness():
-    trace, _, _ = record_trial(
+    trace, _, _ = record_trial_by_equations(
         PLAIN, Rig(hum=0.0, quantum=0.0, noise=1e-6), np.random.default_rng(2)
     )
     double = Trace(trace.time, 2.0 * trace.tangential, 2.0 * trace.normal)
@@ -121,7 +123,9 @@ def test_a_rubbing_ring_gives_its_friction_and_its_amplitude():
     )
     random = np.random.default_rng(8)
     for _ in range(3):
-        found = measure_trace(record_trial(truth, Rig(), random)[0], K, truth.slope / K)
+        found = measure_trace(
+            record_trial_by_equations(truth, Rig(), random)[0], K, truth.slope / K
+        )
         assert not found.aftermath.rings_freely
         features = found.features
         # origin: each half cycle costs the amplitude twice the friction, four times it per period
@@ -184,7 +188,7 @@ def test_a_rubbing_ring_is_fitted_whatever_its_friction_is_guessed_to_be(gap):
 
 
 def test_the_spring_is_the_slope_of_the_ramp_over_the_speed_of_the_handle():
-    trace = record_trial(PLAIN, Rig(), np.random.default_rng(4))[0]
+    trace = record_trial_by_equations(PLAIN, Rig(), np.random.default_rng(4))[0]
     for speed in (2e-3, 20e-3):
         found = measure_trace(trace, K, speed)
         assert found.features["spring_constant_n_per_m"] == pytest.approx(
@@ -196,7 +200,7 @@ def test_band_shares_follow_parseval():
     rate, time = 10e3, np.arange(4000) / 10e3
     ring = np.exp(-time / 0.02) * np.cos(2 * np.pi * 300.0 * time)
     parts = [
-        compute_band_share(ring, rate, band)
+        compute_energy_share_in_band(ring, rate, band)
         for band in ((0.0, 250.0), (250.0, 350.0), (350.0, 1e9))
     ]
     assert sum(parts) == pytest.approx(1.0, abs=1e-9)
@@ -214,7 +218,7 @@ def test_band_shares_follow_parseval():
     ],
 )
 def test_a_record_without_the_course_of_a_trial_says_what_it_lacks(change, reason):
-    trace, _, _ = record_trial(PLAIN, Rig(hum=0.0), np.random.default_rng(4))
+    trace, _, _ = record_trial_by_equations(PLAIN, Rig(hum=0.0), np.random.default_rng(4))
     changed = Trace(trace.time, change(trace.tangential, trace.time), trace.normal)
     if reason:
         with pytest.raises(LandmarkError, match=reason):

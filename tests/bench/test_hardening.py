@@ -16,7 +16,7 @@ from stepblocks.bench.signal import Trace
 from stepblocks.bench.signal.approach import fit_approach
 from stepblocks.bench.signal.features import measure_trace
 from stepblocks.bench.signal.landmarks import find_landmarks
-from stepblocks.bench.signal.ring import fit_ring
+from stepblocks.bench.signal.ring import fit_damped_ring
 
 K, CUBIC = 9810.0, 1.5e7  # F = K (x + CUBIC x^3)
 G = CUBIC / K**2  # F = u + G u^3, u = K x [1/N^2]
@@ -83,7 +83,7 @@ def test_the_pitch_of_a_duffing_ring_is_that_of_small_swings():
     start = stretched(level + size), -(stretched(level + size) - stretched(level)) / decay
     u = solve_ivp(motion, (0.0, since[-1]), start, "DOP853", since, rtol=1e-10, atol=1e-12).y[0]
     force = u + G * u**3 + 2e-3 * np.random.default_rng(1).standard_normal(since.size)
-    ring = fit_ring(since[3:], force[3:], 0.0, 50.0, 2e-3)
+    ring = fit_damped_ring(since[3:], force[3:], 0.0, 50.0, 2e-3)
     assert ring.misfit < 5.0
     amplitude, std = ring.compute_amplitude(0.0)
     assert amplitude == pytest.approx(size, abs=4.0 * std)
@@ -101,5 +101,5 @@ def test_a_straight_ramp_and_a_cosine_stay_what_they_are(seed):
     assert approach.hardening_coefficient == 0.0
     assert approach.compute_mean_slope(course.release)[0] == approach.initial_slope
     after = np.searchsorted(time, course.release + 0.25e-3)
-    ring = fit_ring(time[after:], force[after:], course.release, 50.0, 2e-3)
+    ring = fit_damped_ring(time[after:], force[after:], course.release, 50.0, 2e-3)
     assert ring.fit.shape.size == 3

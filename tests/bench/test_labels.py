@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from stepblocks.bench.faults import FaultKind, TrialFault
-from stepblocks.bench.labels import LabelCheck, find_shared_faults
+from stepblocks.bench.labels import LabelCheck, find_shared_label_faults
 from stepblocks.bench.trials import Trial
 
 HEIGHTS = {"low": 20e-6, "middle": 40e-6, "high": 70e-6}
@@ -44,7 +44,7 @@ def session(changes=None, mu=lambda row: MU, radius=R, scatter=0.005):
         found |= (changes or {}).get(row, {})
         digest = int(found.pop("digest", row))
         check.add(Trial(str(row), row, speed=speed, load=load, block=block), found, digest)
-    return check.find_faults()
+    return check.find_label_faults()
 
 
 def read(faults):
@@ -58,7 +58,7 @@ def mislabelled(rows):
 
 def test_a_session_in_order_has_no_fault():
     assert session() == {}
-    assert LabelCheck().find_faults() == {}
+    assert LabelCheck().find_label_faults() == {}
 
 
 def test_a_trace_under_another_load_is_named_with_both_loads():
@@ -87,7 +87,7 @@ def test_a_whole_session_in_another_unit_says_so_of_every_trial():
     check = LabelCheck()
     for row in range(1, 21):
         check.add(Trial(str(row), row, load=0.5), {"normal_load_n": 500.0}, row)
-    faults = check.find_faults()
+    faults = check.find_label_faults()
     assert len(faults) == 20
     assert set(read(faults).values()) == {
         "units: the normal force is 500 N, the load of this row is 0.5 N"
@@ -99,7 +99,7 @@ def test_a_gauge_that_reads_a_tenth_more_throughout_is_no_mislabelling():
     for row in range(1, 21):
         load = 0.3 + 0.01 * row
         check.add(Trial(str(row), row, load=load), {"normal_load_n": 1.1 * load}, row)
-    assert check.find_faults() == {}
+    assert check.find_label_faults() == {}
 
 
 def test_a_trace_of_another_block_is_named_with_both_blocks():
@@ -138,7 +138,7 @@ def test_what_is_not_known_is_not_held_against_a_trial():
     check = LabelCheck()
     for row in range(1, 11):
         check.add(Trial(str(row), row), {"normal_load_n": float(row)}, row)
-    assert check.find_faults() == {}
+    assert check.find_label_faults() == {}
 
 
 def test_a_group_that_fails_together_is_data_and_a_trial_that_fails_alone_is_not():
@@ -147,7 +147,7 @@ def test_a_group_that_fails_together_is_data_and_a_trial_that_fails_alone_is_not
         (n, {"operator": "B" if n % 4 == 0 and n <= 24 else "A", "load_n": "0.3"})
         for n in range(1, 61)
     ]
-    assert find_shared_faults(rows, faults) == dict.fromkeys(
+    assert find_shared_label_faults(rows, faults) == dict.fromkeys(
         [4, 8, 12, 16, 20], "trials of operator B"
     )
 
@@ -157,7 +157,7 @@ def test_what_fails_where_two_labels_meet_is_data_too():
         (n, {"operator": "AB"[n % 2], "load_n": ("0.3", "0.8")[n // 2 % 2]}) for n in range(1, 61)
     ]
     like = [n for n, cells in rows if cells == {"operator": "B", "load_n": "0.3"}]
-    assert set(find_shared_faults(rows, mislabelled(like)).values()) == {
+    assert set(find_shared_label_faults(rows, mislabelled(like)).values()) == {
         "trials of load_n 0.3, operator B"
     }
 
@@ -165,9 +165,9 @@ def test_what_fails_where_two_labels_meet_is_data_too():
 def test_trials_that_fail_one_after_the_other_are_data():
     rows = [(n, {"run_order": str(n)}) for n in range(1, 41)]
     faults = mislabelled(range(20, 27))
-    assert set(find_shared_faults(rows, faults)) == set(range(20, 27))
+    assert set(find_shared_label_faults(rows, faults)) == set(range(20, 27))
     duplicates = dict.fromkeys(range(5, 9), TrialFault(FaultKind.DUPLICATE, "x"))
-    assert find_shared_faults(rows, duplicates) == {}
+    assert find_shared_label_faults(rows, duplicates) == {}
 
 
 def test_a_zero_offset_of_the_gauge_is_no_mislabelling():
@@ -175,4 +175,4 @@ def test_a_zero_offset_of_the_gauge_is_no_mislabelling():
     for row in range(1, 41):
         load = loads[row % 4]
         check.add(Trial(str(row), row, load=load), {"normal_load_n": load + 0.09}, row)
-    assert check.find_faults() == {}
+    assert check.find_label_faults() == {}

@@ -12,9 +12,9 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from stepblocks.bench.conditions import read_conditions, replace_columns_by_conditions
-from stepblocks.bench.measure import measure_session, write_features
+from stepblocks.bench.measure import measure_session, measure_session_to_file
 from stepblocks.bench.session import open_session
-from stepblocks.bench.signal.features import FEATURE_COLUMNS, average_tool
+from stepblocks.bench.signal.features import FEATURE_COLUMNS, estimate_tool_from_features
 from stepblocks.errors import PipelineError
 
 SCRIPT = """
@@ -48,7 +48,7 @@ def test_a_table_comes_back_with_its_conditions_and_features(session, tmp_path):
 
 def test_the_table_and_the_file_say_the_same(session, tmp_path):
     table = measure_session(str(session), str(tmp_path / "f.csv"), jobs=1)
-    summary = write_features(session, tmp_path / "g.csv", jobs=1)
+    summary = measure_session_to_file(session, tmp_path / "g.csv", jobs=1)
     assert (tmp_path / "f.csv").read_bytes() == (tmp_path / "g.csv").read_bytes()
     written = pd.read_csv(tmp_path / "f.csv", dtype={"trial": str})
     # to the last bit: the table holds the rounded values of the file
@@ -128,7 +128,7 @@ def test_a_block_column_that_a_spreadsheet_would_run_is_still_the_block(session)
 
 def test_progress_is_reported_trial_by_trial(session, tmp_path):
     told = []
-    write_features(
+    measure_session_to_file(
         session, tmp_path / "f.csv", jobs=1, progress=lambda done, total: told.append((done, total))
     )
     assert told == [(n, 6) for n in range(1, 7)]
@@ -137,16 +137,16 @@ def test_progress_is_reported_trial_by_trial(session, tmp_path):
 @pytest.mark.parametrize("jobs", [0, -1, 257])
 def test_the_number_of_processes_has_bounds(jobs, session, tmp_path):
     with pytest.raises(PipelineError, match="`jobs` must lie between 1 and 256"):
-        write_features(session, tmp_path / "f.csv", jobs=jobs)
+        measure_session_to_file(session, tmp_path / "f.csv", jobs=jobs)
 
 
 def test_an_output_that_cannot_be_is_refused_before_anything_is_measured(session, tmp_path):
     with pytest.raises(PipelineError, match="output must be a file, got the folder"):
-        write_features(session, tmp_path)
+        measure_session_to_file(session, tmp_path)
 
 
 def test_the_folder_of_the_output_is_made_where_there_is_none(session, tmp_path):
-    write_features(session, tmp_path / "new" / "features" / "f.csv", jobs=1)
+    measure_session_to_file(session, tmp_path / "new" / "features" / "f.csv", jobs=1)
     assert len((tmp_path / "new" / "features" / "f.csv").read_text().splitlines()) == 7
 
 
@@ -160,5 +160,5 @@ def test_the_tool_is_the_median_of_trials_that_show_it_clearly():
 
     clear = [row(300.0, 14e-3), row(301.0, 15e-3), row(290.0, 16e-3)]
     doubtful = [row(120.0, 1e-3, doubt=0.1)] * 9
-    assert average_tool([*clear, *doubtful]) == (300.0, 15e-3)
-    assert average_tool([*clear[:2], *doubtful]) is None
+    assert estimate_tool_from_features([*clear, *doubtful]) == (300.0, 15e-3)
+    assert estimate_tool_from_features([*clear[:2], *doubtful]) is None

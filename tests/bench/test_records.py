@@ -11,14 +11,14 @@ import pytest
 from oracles.traces import Course
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.operating_point import OperatingPoint, Tool
-from stepblocks.rehearse.record import Rig, Truth, record_drag, record_trial
+from stepblocks.rehearse.record import Rig, Truth, record_trial_by_drag, record_trial_by_equations
 
 TRUTH = Truth(0.8, 0.12, 98.1, 1.2, 0.53, 287.0, 17e-3)
 IDEAL = Rig(noise=0.0, quantum=0.0, hum=0.0)
 
 
 def made(rig=IDEAL, truth=TRUTH, seed=5, gain=1.0):
-    return record_trial(truth, rig, np.random.default_rng(seed), gain)
+    return record_trial_by_equations(truth, rig, np.random.default_rng(seed), gain)
 
 
 def test_an_ideal_rig_writes_the_closed_form():
@@ -103,7 +103,7 @@ POINT = OperatingPoint(125e-6, 0.8, 0.15, Tool(decay_time=21e-3), 2e-3)
 
 
 def test_a_drag_in_time_pulls_as_much_as_equation_1():
-    trial = record_drag(Step(40e-6), POINT, IDEAL, np.random.default_rng(1))
+    trial = record_trial_by_drag(Step(40e-6), POINT, IDEAL, np.random.default_rng(1))
     angle = math.acos(1.0 - 40.0 / 125.0)
     # origin: equation (1); the elastic contact and the speed take a little from it
     assert trial.peak_force == pytest.approx(0.8 * math.tan(angle + math.atan(0.15)), rel=0.02)
@@ -114,11 +114,13 @@ def test_a_drag_in_time_pulls_as_much_as_equation_1():
 def test_a_tip_that_is_held_gives_no_record():
     # origin: the locking height is R (1 - sin(atan mu)), 53 um at mu 0.7
     sticky = OperatingPoint(125e-6, 0.8, 0.7, Tool(decay_time=21e-3), 10e-3)
-    assert record_drag(Step(110e-6), sticky, IDEAL, np.random.default_rng(1)) is None
+    assert record_trial_by_drag(Step(110e-6), sticky, IDEAL, np.random.default_rng(1)) is None
 
 
 def test_a_steady_pull_lifts_the_whole_record():
-    plain = record_drag(Step(40e-6), POINT, IDEAL, np.random.default_rng(1))
-    pulled = record_drag(Step(40e-6), POINT, IDEAL, np.random.default_rng(1), pull=0.05)
+    plain = record_trial_by_drag(Step(40e-6), POINT, IDEAL, np.random.default_rng(1))
+    pulled = record_trial_by_drag(
+        Step(40e-6), POINT, IDEAL, np.random.default_rng(1), added_pull=0.05
+    )
     np.testing.assert_allclose(pulled.trace.tangential - plain.trace.tangential, 0.05, atol=1e-12)
     assert pulled.peak_force == pytest.approx(plain.peak_force + 0.05, rel=1e-12)

@@ -11,7 +11,7 @@ from stepblocks.bench.signal.features import measure_trace
 from stepblocks.bench.signal.landmarks import find_landmarks
 from stepblocks.bench.signal.motion import Motion, find_first_swing
 from stepblocks.bench.signal.regimes import classify_regime
-from stepblocks.bench.signal.saw import Sawtooth, find_saw
+from stepblocks.bench.signal.saw import Sawtooth, find_sawtooth
 
 K, TOOL = 9810.0, (300.0, 1.0 / (0.025 * 2.0 * np.pi * 300.0))
 
@@ -143,7 +143,7 @@ def test_the_amplitude_of_a_saw_is_known_by_noise_over_the_root_of_its_teeth(tee
     force = np.concatenate([np.full(2000, 0.2), np.tile(tooth, teeth), climb, ring])
     force += noise * np.random.default_rng(4).standard_normal(force.size)
     time = np.arange(force.size) / rate
-    saw = find_saw(time, force, find_landmarks(time, force), (300.0, 20e-3), 9.81e3)
+    saw = find_sawtooth(time, force, find_landmarks(time, force), (300.0, 20e-3), 9.81e3)
     assert saw.amplitude[0] == pytest.approx(0.1, abs=4e-3)
     assert 0.3 < saw.amplitude[1] / (noise * np.sqrt(2.0 / teeth)) < 2.0
 

@@ -5,9 +5,12 @@ import pytest
 from scipy.optimize import curve_fit
 
 from oracles.traces import Course, hum
-from stepblocks.bench.signal.ring import RingBasis, fit_ring
+from stepblocks.bench.signal.ring import RingBasis, fit_damped_ring
 from stepblocks.bench.signal.rubbing import KNOWN_SPREAD, compute_rubbing_force, fit_rubbing_ring
-from stepblocks.bench.signal.separable import compute_numeric_jacobian, guess_ring
+from stepblocks.bench.signal.separable import (
+    compute_numeric_jacobian,
+    guess_ring_frequency_and_decay,
+)
 
 COURSE = Course(phase=0.4)
 TIME = COURSE.clock(tail=0.12)
@@ -21,14 +24,14 @@ def after(std=2e-3, seed=6, course=COURSE):
 
 
 def ring_of(force, noise=2e-3):
-    return fit_ring(SINCE, force, COURSE.release, 50.0, noise)
+    return fit_damped_ring(SINCE, force, COURSE.release, 50.0, noise)
 
 
 @pytest.mark.parametrize("frequency", [140.0, 250.0, 333.0, 610.0])
 @pytest.mark.parametrize("decay", [6e-3, 14.2e-3, 50e-3])
 def test_a_guess_is_near_enough_to_begin_from(frequency, decay):
     force = Course(frequency=frequency, decay_time=decay, amplitude=0.9).ring(SINCE)
-    guessed, guessed_decay = guess_ring(SINCE, force)
+    guessed, guessed_decay = guess_ring_frequency_and_decay(SINCE, force)
     assert guessed == pytest.approx(frequency, rel=0.05)
     assert 0.3 * decay < guessed_decay < 3.0 * decay
 
@@ -130,7 +133,7 @@ def test_a_fit_misses_its_noise_by_what_its_ten_figures_leave_of_few_samples():
     noise, squares = 2e-3, []
     for seed in range(40):
         force = COURSE.force(time) + noise * np.random.default_rng(seed).standard_normal(time.size)
-        ring = fit_ring(time, force, COURSE.release, 50.0, noise)
+        ring = fit_damped_ring(time, force, COURSE.release, 50.0, noise)
         square = (ring.fit.residuals / noise) ** 2
         squares.append(square.sum())
         whole, begun = (square.sum() - 50.0) / 10.0, (square[:16].sum() - 16.0) / np.sqrt(32.0)

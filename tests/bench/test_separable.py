@@ -11,8 +11,8 @@ from scipy.optimize import curve_fit
 
 from stepblocks.bench.signal.separable import (
     build_wave_columns,
+    compute_chi_squared_excess,
     compute_correlation_inflation,
-    compute_misfit,
     compute_numeric_jacobian,
     estimate_covariance,
     fit_linear,
@@ -149,15 +149,15 @@ def test_uncertainties_propagate_by_the_gradient_and_never_below_zero():
 
 def test_the_misfit_of_white_noise_is_a_few_standard_errors_and_grows_with_a_wrong_model():
     noise = 3e-3 * np.random.default_rng(5).standard_normal(2000)
-    assert abs(compute_misfit(noise, 10, 80, 3e-3)) < 4.0
+    assert abs(compute_chi_squared_excess(noise, 10, 80, 3e-3)) < 4.0
     begun_wrong = noise.copy()
     begun_wrong[:80] += 6e-3
     # origin: 80 samples with a variance of five times the noise miss it by 4 / sqrt(2 / 80)
     # standard errors
-    assert compute_misfit(begun_wrong, 10, 80, 3e-3) == pytest.approx(
+    assert compute_chi_squared_excess(begun_wrong, 10, 80, 3e-3) == pytest.approx(
         4.0 / math.sqrt(2.0 / 80.0), rel=0.3
     )
-    assert compute_misfit(noise, 10, 80, 0.0) == math.inf
+    assert compute_chi_squared_excess(noise, 10, 80, 0.0) == math.inf
 
 
 def test_a_residual_twice_the_noise_misses_by_its_chi_square():
@@ -165,4 +165,4 @@ def test_a_residual_twice_the_noise_misses_by_its_chi_square():
     residuals = np.full(100, 6e-3)
     freedom = 100 - 10
     expected = (100 * 4.0 / freedom - 1.0) / math.sqrt(2.0 / freedom)
-    assert compute_misfit(residuals, 10, 20, 3e-3) == pytest.approx(expected, rel=1e-12)
+    assert compute_chi_squared_excess(residuals, 10, 20, 3e-3) == pytest.approx(expected, rel=1e-12)

@@ -10,7 +10,11 @@ import pytest
 
 from stepblocks.bench.channel import Channel, find_unit_in_name
 from stepblocks.bench.faults import TraceError
-from stepblocks.bench.patterns import check_pattern, fill_pattern, resolve_inside
+from stepblocks.bench.patterns import (
+    check_file_pattern,
+    fill_file_pattern,
+    resolve_path_inside_session,
+)
 from stepblocks.bench.session import FORMATS, open_session
 from stepblocks.errors import BenchError
 
@@ -90,7 +94,7 @@ def test_a_folder_may_be_given_as_text_and_a_session_travels_to_another_process(
 
 
 def test_the_scale_of_a_channel_is_unit_times_factor(tmp_path):
-    parts = declared(tmp_path).acquisition.channels.pair_with_dimensions()
+    parts = declared(tmp_path).acquisition.channels.map_names_to_dimensioned_channels()
     scales = {
         part: channel.find_factor_to_si(dimension, part)
         for part, (channel, dimension) in parts.items()
@@ -227,10 +231,10 @@ def test_all_mistakes_of_a_file_are_reported_at_once_those_of_its_calibration_to
 
 
 def test_patterns_are_filled_as_python_formats_numbers():
-    assert fill_pattern("{trial}/run{trial:3d}.{trial:05d}", trial="-7") == "-7/run -7.-0007"
-    assert fill_pattern("{trial:04d}", trial="7.0") == "0007"  # as pandas writes it
+    assert fill_file_pattern("{trial}/run{trial:3d}.{trial:05d}", trial="-7") == "-7/run -7.-0007"
+    assert fill_file_pattern("{trial:04d}", trial="7.0") == "0007"  # as pandas writes it
     with pytest.raises(TraceError, match=r"no whole number, as \{trial:04d\} needs"):
-        fill_pattern("{trial:04d}", trial="7b")
+        fill_file_pattern("{trial:04d}", trial="7b")
 
 
 @pytest.mark.parametrize(
@@ -238,14 +242,14 @@ def test_patterns_are_filled_as_python_formats_numbers():
 )
 def test_a_pattern_holds_no_other_braces(pattern):
     with pytest.raises(BenchError, match="no other braces"):
-        check_pattern(pattern, "trial", "x")
+        check_file_pattern(pattern, "trial", "x")
 
 
 @pytest.mark.parametrize("path", ["../x", "a/../../x", "/x", "C:/x", "a\\..\\x", "a\0b"])
 def test_no_path_leads_out_of_the_session(path):
     with pytest.raises(BenchError, match="inside the session"):
-        resolve_inside(Path("/s"), path, "x")
+        resolve_path_inside_session(Path("/s"), path, "x")
 
 
 def test_slashes_of_either_kind_are_read():
-    assert resolve_inside(Path("/s"), "a\\b/c.csv", "x") == Path("/s/a/b/c.csv")
+    assert resolve_path_inside_session(Path("/s"), "a\\b/c.csv", "x") == Path("/s/a/b/c.csv")

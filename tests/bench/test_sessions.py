@@ -13,7 +13,7 @@ import pytest
 from scipy.io import savemat
 
 from oracles.trace_files import turned
-from stepblocks.bench.measure import write_features
+from stepblocks.bench.measure import measure_session_to_file
 from stepblocks.bench.session import open_session
 from stepblocks.bench.signal.features import FEATURE_COLUMNS
 from stepblocks.bench.traces import Traces
@@ -39,7 +39,7 @@ def simulate(tmp_path, kind="hdf5", trials=12, extra=""):
 
 
 def measure(folder, tmp_path, jobs=1, name="features.csv"):
-    write_features(folder, tmp_path / name, jobs=jobs)
+    measure_session_to_file(folder, tmp_path / name, jobs=jobs)
     return pd.read_csv(tmp_path / name)
 
 

@@ -7,7 +7,7 @@ from hypothesis import given, settings, strategies as st
 from oracles.virtual_bench import Bench, drag
 from stepblocks.bench.signal import Trace
 from stepblocks.bench.signal.features import measure_trace
-from stepblocks.bench.signal.set_down import find_set_down
+from stepblocks.bench.signal.set_down import find_set_down_and_zeros
 
 RATE, K = 10e3, 9810.0
 TIME, FORCE, NORMAL, _ = drag(Bench(conversion=0.2), 40e-6, 0.5, 5e-3, np.random.default_rng(1))
@@ -33,7 +33,7 @@ def started(unloaded, coming, still, noise=2e-3, zero=(0.0, 0.0)):
 @given(st.floats(0.05, 0.3), st.floats(0.005, 0.04), st.floats(0.02, 0.2))
 def test_friction_and_peak_are_those_without_the_start(unloaded, coming, still):
     trace, size = started(unloaded, coming, still)
-    set_down = find_set_down(trace)
+    set_down = find_set_down_and_zeros(trace)
     assert abs(set_down.first - size) < 0.012 * RATE
     assert set_down.tangential_zero.value == pytest.approx(0.0, abs=1e-3)
     assert set_down.normal_zero.value == pytest.approx(0.0, abs=1e-3)
@@ -46,20 +46,20 @@ def test_friction_and_peak_are_those_without_the_start(unloaded, coming, still):
 @settings(max_examples=10, deadline=None)
 @given(st.floats(-0.02, 0.02), st.floats(-0.05, 0.05))
 def test_the_zeros_of_both_gauges_are_those_of_the_unloaded_part(tangential, normal):
-    set_down = find_set_down(started(0.1, 0.03, 0.08, zero=(tangential, normal))[0])
+    set_down = find_set_down_and_zeros(started(0.1, 0.03, 0.08, zero=(tangential, normal))[0])
     assert set_down.tangential_zero.value == pytest.approx(tangential, abs=1e-3)
     assert set_down.normal_zero.value == pytest.approx(normal, abs=1e-3)
 
 
 def test_a_record_that_begins_while_the_tip_slides_is_used_whole():
-    set_down = find_set_down(Trace(TIME, FORCE, NORMAL))
+    set_down = find_set_down_and_zeros(Trace(TIME, FORCE, NORMAL))
     assert set_down.first == 0
     assert np.isnan([set_down.tangential_zero, set_down.normal_zero]).all()
 
 
 def test_a_handle_that_stands_still_under_load_is_found_without_an_unloaded_part():
     trace, size = started(0.0, 0.0, 0.08)
-    set_down = find_set_down(trace)
+    set_down = find_set_down_and_zeros(trace)
     assert abs(set_down.first - size) < 0.012 * RATE
     assert np.isnan([set_down.tangential_zero, set_down.normal_zero]).all()
 
@@ -74,5 +74,5 @@ def test_sliding_begins_where_the_five_samples_about_it_slide_whatever_spring_pu
     climb = np.linspace(0.0, 0.1, 20, endpoint=False)
     force = np.concatenate([np.zeros(400), climb, np.full(300, 0.1), ramp, np.zeros(50)])
     time = np.arange(force.size) / RATE
-    set_down = find_set_down(Trace(time, force, np.full(force.size, 0.5)))
+    set_down = find_set_down_and_zeros(Trace(time, force, np.full(force.size, 0.5)))
     assert set_down.first == 420 + 2

@@ -5,10 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from stepblocks.bench.declared import _measure_corrected
+from stepblocks.bench.declared import _measure_corrected_traces
 from stepblocks.bench.faults import FaultKind, TraceError
 from stepblocks.bench.signal import Trace
-from stepblocks.bench.signal.screening import has_ascending_time, screen_trace
+from stepblocks.bench.signal.screening import find_trace_fault, has_ascending_time
 from stepblocks.bench.traces.reader import TextLayout
 from stepblocks.bench.traces.text import TextReader
 
@@ -74,9 +74,9 @@ def test_a_clock_that_stands_still_is_a_fault_and_no_crash():
     force = np.linspace(0.0, 1.0, count)
     trace = Trace(time, force, 1.0 + force)
     assert not has_ascending_time(trace)
-    assert screen_trace(trace, 1e4).kind is FaultKind.WRONG_CLOCK
+    assert find_trace_fault(trace, 1e4).kind is FaultKind.WRONG_CLOCK
 
     probe = SimpleNamespace(spring_constant=9810.0)
     session = SimpleNamespace(probe=probe)
     trial = SimpleNamespace(name="1", speed=0.005)
-    assert _measure_corrected(session, [trial], {"1": trace}, lambda trace: trace) == []
+    assert _measure_corrected_traces(session, [trial], {"1": trace}, lambda trace: trace) == []

@@ -15,9 +15,9 @@ from stepblocks.bench.faults import TraceError
 from stepblocks.bench.session import open_session
 from stepblocks.bench.signal import Trace
 from stepblocks.bench.traces import READERS, Traces
-from stepblocks.bench.traces.mat import find_mat_variables
+from stepblocks.bench.traces.mat import list_mat_variables
 from stepblocks.errors import BenchError
-from stepblocks.rehearse.trace_files import TRACE_FILES, open_writer
+from stepblocks.rehearse.trace_files import TRACE_FILES, open_trace_writer
 
 TIME = Course().clock()
 COLUMNS = {"t": TIME, "x": Course().force(TIME), "y": 0.8 + 0.1 * TIME}
@@ -166,7 +166,7 @@ def test_every_format_has_a_layout_here():
 @pytest.mark.parametrize("kind", TRACE_FILES)
 def test_what_we_write_is_what_we_read(kind, tmp_path):
     trace = Trace(*(values.astype(np.float32).astype(float) for values in COLUMNS.values()))
-    with open_writer(tmp_path, kind) as write:
+    with open_trace_writer(tmp_path, kind) as write:
         for trial in (1, 2):
             write(trial, Trace(trace.time, trial * trace.tangential, trace.normal))
     names = 'time = "time_s", tangential = "fx_n", normal = "fy_n"'
@@ -189,16 +189,16 @@ def test_a_version_5_file_that_is_cut_off_is_said_to_be_and_where(tmp_path):
     mat_struct(tmp_path)
     path = tmp_path / "all.mat"
     whole = path.read_bytes()
-    assert set(find_mat_variables(path).extents) == {"trial_2", "notes"}
+    assert set(list_mat_variables(path).extents) == {"trial_2", "notes"}
     path.write_bytes(whole[:-10])
     with pytest.raises(TraceError, match=r"all\.mat is damaged or truncated at byte"):
-        find_mat_variables(path)
+        list_mat_variables(path)
 
 
 def test_bytes_that_turned_within_a_variable_cost_that_trial(tmp_path):
     traces, channels, extra = mat_struct(tmp_path)
     path = tmp_path / "all.mat"
-    place, length = find_mat_variables(path).extents["trial_2"]
+    place, length = list_mat_variables(path).extents["trial_2"]
     data = bytearray(path.read_bytes())
     data[place + length // 2 : place + length // 2 + 40] = bytes(40)
     path.write_bytes(bytes(data))

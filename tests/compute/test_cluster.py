@@ -143,7 +143,7 @@ def test_a_folder_of_this_machine_is_shared_with_workers_of_this_machine_alone(s
     with open_cluster(site) as client:
         assert clusters.is_folder_shared(client, tmp_path)
         assert not any(tmp_path.iterdir())
-        assert clusters._can_read_and_write(str(tmp_path / "absent"), "token") is False
+        assert clusters._can_worker_read_and_write(str(tmp_path / "absent"), "token") is False
 
 
 @pytest.mark.long
@@ -199,7 +199,9 @@ def test_a_worker_of_another_version_is_refused_and_both_are_named(site, monkeyp
 def test_a_worker_of_another_version_that_joins_later_is_refused_too(site, monkeypatch):
     other = dict(clusters.collect_versions()) | {"numpy": "1.0.0"}
     monkeypatch.setattr(clusters, "collect_versions", lambda: other)
-    monkeypatch.setattr(clusters, "_check_cluster_versions", lambda client, versions: None)
+    monkeypatch.setattr(
+        clusters, "_refuse_cluster_of_other_versions", lambda client, versions: None
+    )
     with open_cluster(site) as client, pytest.raises(PipelineError, match=r"1\.0\.0 here"):
         list(run_calls(abs, [(1,)], jobs=1, on=client))
 

@@ -15,7 +15,7 @@ def test_without_a_place_for_compiled_code_a_folder_of_the_process_takes_its_pla
     monkeypatch.setattr(numba, "njit", refuse)
     monkeypatch.setattr(numba.config, "CACHE_DIR", "")
     monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
-    compiled._load_numba_with_cache()
+    compiled._prepare_numba_cache()
     folder = numba.config.CACHE_DIR
     assert os.environ["NUMBA_CACHE_DIR"] == folder
     assert Path(folder).is_dir()

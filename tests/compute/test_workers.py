@@ -7,9 +7,9 @@ import pytest
 
 SCRIPT = """
 from joblib.externals.loky import ProcessPoolExecutor
-from stepblocks.compute.processes import end_with_parent
+from stepblocks.compute.processes import arrange_end_with_parent
 
-with ProcessPoolExecutor(2, initializer=end_with_parent) as workers:
+with ProcessPoolExecutor(2, initializer=arrange_end_with_parent) as workers:
     print(sum(workers.map(abs, range(-4, 0))))
 """
 
@@ -25,7 +25,7 @@ FORKED = """
 import os
 import sys
 
-from stepblocks.compute.processes import prepare_workers, run_in_processes
+from stepblocks.compute.processes import preload_for_workers, run_in_processes
 from stepblocks.errors import PipelineError
 
 
@@ -36,7 +36,7 @@ def describe(number):
 
 
 if __name__ == "__main__":
-    prepare_workers("colorsys")
+    preload_for_workers("colorsys")
     found = list(run_in_processes(describe, [(number,) for number in range(6)], 2))
     numbers, have_loaded, starters = zip(*found)
     print(numbers, all(have_loaded), len(set(starters)), os.getpid() in starters)

@@ -12,7 +12,7 @@ from stepblocks.contact.rod import (
     Sleeve,
     compute_bush_stiffness,
     compute_rod_ring,
-    fit_rod,
+    solve_rod_for_tool,
 )
 from stepblocks.errors import ContactError
 
@@ -71,18 +71,18 @@ def test_a_short_stiff_sheath_stiffens_as_castigliano_says():
 
 
 def test_the_tip_mass_solves_for_the_frequency_and_an_impossible_one_is_refused():
-    rod = fit_rod(9.81e3, 300.0, 14.2e-3, 3.1e-3, 200e9, 7900.0)
+    rod = solve_rod_for_tool(9.81e3, 300.0, 14.2e-3, 3.1e-3, 200e9, 7900.0)
     ring = compute_rod_ring(rod)
     assert ring.frequency == pytest.approx(300.0, rel=1e-6)
     assert ring.stiffness == pytest.approx(9.81e3, rel=1e-8)
     assert ring.decay_time == pytest.approx(14.2e-3, rel=1e-6)
     # without its own mass a rod is a spring: M = k / w^2
-    light = fit_rod(9.81e3, 300.0, 14.2e-3, 3.1e-3, 200e9, 1e-3)
+    light = solve_rod_for_tool(9.81e3, 300.0, 14.2e-3, 3.1e-3, 200e9, 1e-3)
     assert light.end_mass == pytest.approx(9.81e3 / (math.tau * 300.0) ** 2, rel=1e-5)
     with pytest.raises(
         ContactError, match=r"must not exceed that of the bare shank .*, got 300 Hz"
     ):
-        fit_rod(9.81e3, 300.0, 14.2e-3, 5e-3, 200e9, 7900.0)
+        solve_rod_for_tool(9.81e3, 300.0, 14.2e-3, 5e-3, 200e9, 7900.0)
 
 
 def test_loss_by_strain_energy_agrees_with_the_complex_frequency():

@@ -16,7 +16,7 @@ from stepblocks.contact.counterface import (
     Profile,
     ProfiledMargin,
     Step,
-    find_scanned_angle,
+    find_critical_angle_of_scan,
 )
 from stepblocks.contact.critical_angle import (
     compute_bevelled_margin_angles,
@@ -280,16 +280,16 @@ def test_the_scanned_surface_says_what_height_and_radius_cannot_of_a_chamfered_e
     # the chamfer
     x = np.arange(-400, 400) * 1e-6
     z = np.where(x < 0.0, 0.0, np.minimum(30e-6 + x, 50e-6))
-    assert np.degrees(find_scanned_angle(x, z, 125e-6)) == pytest.approx(45.0, abs=1e-6)
-    assert np.degrees(find_scanned_angle(-x[::-1], z[::-1], 125e-6)) == pytest.approx(
+    assert np.degrees(find_critical_angle_of_scan(x, z, 125e-6)) == pytest.approx(45.0, abs=1e-6)
+    assert np.degrees(find_critical_angle_of_scan(-x[::-1], z[::-1], 125e-6)) == pytest.approx(
         45.0, abs=1e-6
     )
     # a ball of 80 um meets the riser's corner first, at acos(1 - 30/80) = 51.3 deg, and that is
     # steeper than the chamfer
-    assert np.degrees(find_scanned_angle(x, z, 80e-6)) == pytest.approx(
+    assert np.degrees(find_critical_angle_of_scan(x, z, 80e-6)) == pytest.approx(
         np.degrees(np.arccos(1 - 30 / 80)), abs=0.5
     )
-    assert find_scanned_angle(x, np.full_like(x, np.nan), 125e-6) is None
+    assert find_critical_angle_of_scan(x, np.full_like(x, np.nan), 125e-6) is None
 
 
 @pytest.mark.parametrize("face", RELIEVED[:6])

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from stepblocks.contact.counterface import Margin, Profile, Step, find_scanned_angle
+from stepblocks.contact.counterface import Margin, Profile, Step, find_critical_angle_of_scan
 from stepblocks.contact.critical_angle import find_step_angle
 from stepblocks.contact.energy import find_release
 from stepblocks.contact.energy_change import find_energy_change
@@ -62,7 +62,7 @@ def test_a_scanned_edge_is_read_up_the_step_whichever_way_the_scan_ran(turned):
     x = np.linspace(-1e-3, 1e-3, 2001)
     z = np.where(x < 0.0, 0.0, 40e-6)
     position, height = (-x[::-1], z[::-1]) if turned else (x, z)
-    found = find_scanned_angle(position, height, 125e-6)
+    found = find_critical_angle_of_scan(position, height, 125e-6)
     # the riser is a micrometre wide between two samples
     assert found == pytest.approx(find_step_angle(40e-6, 125e-6), abs=0.01)
     by_scan = find_energy_change(
@@ -73,12 +73,12 @@ def test_a_scanned_edge_is_read_up_the_step_whichever_way_the_scan_ran(turned):
 
 def test_a_scan_that_shows_no_edge_has_no_angle():
     x = np.linspace(-1e-3, 1e-3, 2001)
-    assert find_scanned_angle(x, np.zeros(2001), 125e-6) is None
+    assert find_critical_angle_of_scan(x, np.zeros(2001), 125e-6) is None
     upright = np.array([-1e-3, *np.linspace(-1e-3, 0.0, 20)[1:], *np.linspace(0.0, 1e-3, 20)])
     # as high as the ball
-    assert find_scanned_angle(upright, np.repeat([0.0, 200e-6], 20), 125e-6) is None
-    assert find_scanned_angle(x, np.full(2001, np.nan), 125e-6) is None
-    assert find_scanned_angle(x[:5], np.zeros(5), 125e-6) is None
+    assert find_critical_angle_of_scan(upright, np.repeat([0.0, 200e-6], 20), 125e-6) is None
+    assert find_critical_angle_of_scan(x, np.full(2001, np.nan), 125e-6) is None
+    assert find_critical_angle_of_scan(x[:5], np.zeros(5), 125e-6) is None
 
 
 def test_what_a_profile_of_the_made_edge_is_felt_by_is_what_its_dimensions_are_felt_by():

@@ -16,7 +16,7 @@ from stepblocks.cli import main
 from stepblocks.contact.critical_angle import find_step_angle
 from stepblocks.contact.energy import Status, find_release
 from stepblocks.contact.operating_point import LIMIT_SOURCES, PAPER, SHIPPED_LIMITS, Limits, Tool
-from stepblocks.contact.rod import fit_rod
+from stepblocks.contact.rod import solve_rod_for_tool
 from stepblocks.declaration.read import load_set
 from stepblocks.errors import ContactError
 from stepblocks.predict.columns import make_prediction_row
@@ -24,7 +24,7 @@ from stepblocks.predict.predictions import describe_predictions_beyond_limits, p
 
 STIMULI = Path(__file__).resolve().parents[2] / "stimuli"
 FOUR = load_shipped("paper-four")
-SHANK = fit_rod(9.81e3, 300.0, 14.2e-3, 4e-3, 200e9, 7900.0)
+SHANK = solve_rod_for_tool(9.81e3, 300.0, 14.2e-3, 4e-3, 200e9, 7900.0)
 
 
 def test_every_limit_says_where_it_comes_from():

@@ -86,7 +86,7 @@ def test_a_larger_ball_and_a_rounder_edge_climb_more_gently(height, first, secon
 @MANY
 @given(LENGTHS, BALLS)
 def test_height_and_angle_are_inverse(height, ball):
-    angle = kernels.compute_angle_on_step(height, ball)
+    angle = kernels.compute_edge_contact_angle(height, ball)
     assert math.isclose(kernels.compute_height_at_angle(angle, ball), height, rel_tol=1e-9)
 
 

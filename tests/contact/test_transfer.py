@@ -16,10 +16,10 @@ from stepblocks.contact.rod import (
     Rod,
     Sleeve,
     compute_clamp_force,
-    compute_finger_share,
+    compute_energy_share_in_hand,
     compute_modes,
     compute_rod_ring,
-    compute_sensed_energy,
+    integrate_squared_clamp_force,
 )
 
 UNIFORM = Rod(0.71, 0.053, 0.113, 0.0, 0.03)
@@ -65,7 +65,7 @@ def test_a_blow_on_the_tip_of_a_cantilever_reaches_its_clamp_as_the_series_of_it
     assert [one.reaction for one in modes] == pytest.approx(
         [1.5660, -0.8679, 0.5089, -0.3638], abs=2e-4
     )
-    found = compute_clamp_force(modes, time, blow=True)
+    found = compute_clamp_force(modes, time, is_blow=True)
     assert np.abs(found - expected).max() < 2e-3 * np.abs(expected).max()
 
 
@@ -136,7 +136,7 @@ def test_what_a_sensor_sees_of_one_mode_is_its_closed_form():
             4 * (s * s + w * w)
         )
 
-    assert compute_sensed_energy([one], t) == pytest.approx(
+    assert integrate_squared_clamp_force([one], t) == pytest.approx(
         one.reaction**2 * (part(t) - part(0.0)), rel=1e-4
     )
 
@@ -151,16 +151,16 @@ def test_a_heavy_handle_leaves_the_finger_what_its_own_inertia_lets_through():
     blown = 0.5 * heavy.grasp_damping * (modes[0].reaction / (w * total)) ** 2
     spent = blown * -math.expm1(-w * eta * 16e-3) / (w * eta)
     stiffness = compute_rod_ring(rod).stiffness
-    assert compute_finger_share(rod, stiffness, modes, heavy) == pytest.approx(
+    assert compute_energy_share_in_hand(rod, stiffness, modes, heavy) == pytest.approx(
         spent * 2.0 * stiffness, rel=0.02
     )
-    assert compute_finger_share(rod, stiffness, modes, STYLUS_HAND) > 1000.0 * compute_finger_share(
-        rod, stiffness, modes, heavy
-    )
+    assert compute_energy_share_in_hand(
+        rod, stiffness, modes, STYLUS_HAND
+    ) > 1000.0 * compute_energy_share_in_hand(rod, stiffness, modes, heavy)
 
 
 def test_the_finger_takes_no_more_than_is_stored_and_nothing_without_a_damper():
     modes, stiffness = compute_modes(TIPPED), compute_rod_ring(TIPPED).stiffness
-    assert 0.0 < compute_finger_share(TIPPED, stiffness, modes) < 1.0
+    assert 0.0 < compute_energy_share_in_hand(TIPPED, stiffness, modes) < 1.0
     dry = Hand(20e-3, 575.0, 1e-12, 0.21, 176.0, 11.3)
-    assert compute_finger_share(TIPPED, stiffness, modes, dry) < 1e-9
+    assert compute_energy_share_in_hand(TIPPED, stiffness, modes, dry) < 1e-9

@@ -12,10 +12,10 @@ from stepblocks.contact.operating_point import PAPER, Limits, OperatingPoint, To
 from stepblocks.contact.uncertainty import (
     compute_deviated_releases,
     compute_sensitivities,
-    convert_half_widths,
-    draw_standard_normal,
+    convert_half_widths_to_stds,
+    draw_standard_normal_inputs,
     estimate_interval,
-    list_inputs,
+    map_inputs_to_nominal_values,
 )
 from stepblocks.errors import ContactError
 
@@ -34,7 +34,7 @@ SMALL = dict(zip(NAMES, (0.1e-6, 0.3e-6, 0.7e-6, 0.002, 0.004, 40.0, 0.001), str
 
 @pytest.mark.parametrize("name", NAMES)
 def test_each_sensitivity_is_the_derivative(name):
-    value = list_inputs(STEP, POINT)[name]
+    value = map_inputs_to_nominal_values(STEP, POINT)[name]
     step = 1e-5 * (value or 1e-6)
     up, down = compute_deviated_releases(STEP, POINT, {name: np.array([step, -step])})[1]
     numeric = (math.log(up) - math.log(down)) / (2 * step)
@@ -62,7 +62,11 @@ def test_drawn_and_analytic_intervals_agree_where_all_is_small():
 def test_the_ends_of_an_interval_are_quantiles_of_the_draws(draws):
     interval = estimate_interval(STEP, POINT, {"friction": 0.01}, draws=draws, seed=3)
     # origin: numpy's quantiles of the forces at the same draws
-    friction = 0.17 + 0.01 * draw_standard_normal(len(list_inputs(STEP, POINT)), draws, 3)[3]
+    friction = (
+        0.17
+        + 0.01
+        * draw_standard_normal_inputs(len(map_inputs_to_nominal_values(STEP, POINT)), draws, 3)[3]
+    )
     forces = [STEP.release(replace(POINT, friction=one)).pull_force for one in friction.tolist()]
     ends = np.quantile(forces, [0.025, 0.975], method="inverted_cdf")
     assert (interval.force_low, interval.force_high) == pytest.approx(tuple(ends), rel=1e-9)
@@ -154,7 +158,9 @@ def test_an_uncertainty_larger_than_any_block_leaves_the_energy_unknown_and_says
 
 
 def test_a_rectangular_tolerance_has_its_width_over_root_three_as_uncertainty():
-    assert convert_half_widths({"height": 1e-6})["height"] == pytest.approx(1e-6 / math.sqrt(3))
+    assert convert_half_widths_to_stds({"height": 1e-6})["height"] == pytest.approx(
+        1e-6 / math.sqrt(3)
+    )
 
 
 def test_a_profile_of_a_step_has_the_interval_of_the_step():

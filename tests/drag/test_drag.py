@@ -14,13 +14,13 @@ from oracles.tip_paths import step_path
 from stepblocks.contact.critical_angle import find_margin_angles, find_step_angle
 from stepblocks.contact.energy import Status, find_release
 from stepblocks.contact.operating_point import Tool
-from stepblocks.drag.plan import find_grain
+from stepblocks.drag.plan import choose_time_step_and_bristles
 from stepblocks.drag.probe import PAPER_DRAG, DragSettings, build_probe
 from stepblocks.drag.ring import (
     LOADING_BAND,
     RING_BAND,
-    compute_band_share,
     compute_phase_spectrum,
+    compute_spectral_band_share,
     measure_ring,
 )
 from stepblocks.drag.simulate import simulate_drag
@@ -165,7 +165,10 @@ def test_figures_three_to_five_come_out_at_once_for_a_rod_as_stiff_along_the_nor
     assert ring.decay_time == pytest.approx(16e-3, abs=2e-3)
     assert ring.loading_share > 0.64
     assert ring.ring_band_share == pytest.approx(0.86, abs=0.02)
-    assert compute_band_share(*compute_phase_spectrum(trace, "vibration", "fy_n"), RING_BAND) > 0.5
+    assert (
+        compute_spectral_band_share(*compute_phase_spectrum(trace, "vibration", "fy_n"), RING_BAND)
+        > 0.5
+    )
 
 
 def test_the_decay_time_of_a_free_ring_is_that_of_its_damper():
@@ -308,7 +311,7 @@ def test_the_share_that_rings_grows_with_the_height_and_is_no_constant():
     heights = (10e-6, 25e-6, 50e-6, 75e-6)
     share = [
         measure_ring(
-            simulate_drag(build_step_track(h, R), PAPER_DRAG, settings), spectra=False
+            simulate_drag(build_step_track(h, R), PAPER_DRAG, settings), with_spectra=False
         ).share
         for h in heights
     ]
@@ -336,11 +339,14 @@ def test_spectra_count_all_energy_once():
         build_step_track(75e-6, R), PAPER_DRAG, DragSettings(0.2, 0.15, speed=5e-3)
     )
     frequency, energy = compute_phase_spectrum(trace, "vibration")
-    bands = [compute_band_share(frequency, energy, (a, a + 999.9999)) for a in range(0, 5000, 1000)]
+    bands = [
+        compute_spectral_band_share(frequency, energy, (a, a + 999.9999))
+        for a in range(0, 5000, 1000)
+    ]
     assert sum(bands) == pytest.approx(1.0, abs=1e-3)
     assert (
-        compute_band_share(frequency, energy, LOADING_BAND)
-        + compute_band_share(frequency, energy, RING_BAND)
+        compute_spectral_band_share(frequency, energy, LOADING_BAND)
+        + compute_spectral_band_share(frequency, energy, RING_BAND)
         < 1.0
     )
 
@@ -450,7 +456,7 @@ def test_the_time_step_knows_no_unit_of_force(factor, contact):
             mass=PAPER_DRAG.mass * f,
             contact_stiffness=contact * f,
         )
-        return find_grain(probe, DragSettings(0.7 * f, 0.15), 90.0 * f)[:2]
+        return choose_time_step_and_bristles(probe, DragSettings(0.7 * f, 0.15), 90.0 * f)[:2]
 
     (one, grip), (other, more) = step(1.0), step(factor)
     assert other == pytest.approx(one, rel=1e-9)
@@ -459,7 +465,7 @@ def test_the_time_step_knows_no_unit_of_force(factor, contact):
 
 def test_while_it_slides_the_tool_pulls_the_friction_of_the_tip_and_that_of_the_tissue():
     settings = DragSettings(1.2, 0.2, tissue_friction=0.3)
-    assert settings.find_sliding_force() == pytest.approx(1.2 * 0.2 + 0.3, rel=1e-12)
+    assert settings.compute_sliding_force() == pytest.approx(1.2 * 0.2 + 0.3, rel=1e-12)
 
 
 def test_a_sprung_carrier_must_have_a_mass_and_a_rigid_one_need_not():

@@ -13,19 +13,19 @@ import pytest
 from matplotlib.figure import Figure
 
 from stepblocks.contact.energy import Status, find_release
-from stepblocks.drag.figures import plot_force
+from stepblocks.drag.figures import plot_force_with_events
 from stepblocks.drag.kernels import COLUMNS
 from stepblocks.drag.probe import PAPER_DRAG, DragSettings
 from stepblocks.drag.ring import (
     LOADING_BAND,
     RING_BAND,
-    _cut_ring,
-    compute_band_share,
+    _cut_ring_of_event,
     compute_phase_spectrum,
+    compute_spectral_band_share,
     measure_ring,
 )
 from stepblocks.drag.run import Drag
-from stepblocks.drag.simulate import DragTrace, _judge_by_asked_place
+from stepblocks.drag.simulate import DragTrace, _set_figures_of_asked_place
 from stepblocks.drag.track import build_step_track
 from stepblocks.errors import ContactError
 
@@ -88,8 +88,10 @@ def test_a_long_ring_lies_in_its_band_as_its_line_says_and_a_short_one_does_not(
 def test_a_slow_ramp_loads_below_a_hundred_hertz():
     # Origin: figure 4, more than 64 % of the loading phase lies in 0-100 Hz
     trace = trace_of()
-    assert compute_band_share(*compute_phase_spectrum(trace, "loading"), LOADING_BAND) > 0.64
-    assert compute_band_share(*compute_phase_spectrum(trace, "loading"), RING_BAND) < 0.05
+    assert (
+        compute_spectral_band_share(*compute_phase_spectrum(trace, "loading"), LOADING_BAND) > 0.64
+    )
+    assert compute_spectral_band_share(*compute_phase_spectrum(trace, "loading"), RING_BAND) < 0.05
 
 
 def test_the_energy_of_a_spectrum_is_that_of_its_samples():
@@ -104,7 +106,7 @@ def test_the_energy_of_a_spectrum_is_that_of_its_samples():
 
 
 def test_figures_that_cost_a_spectrum_are_left_out_where_nobody_asks():
-    ring = measure_ring(trace_of(), spectra=False)
+    ring = measure_ring(trace_of(), with_spectra=False)
     assert math.isnan(ring.frequency)
     assert math.isnan(ring.ring_band_share)
     assert ring.duration == measure_ring(trace_of()).duration
@@ -145,7 +147,7 @@ def test_the_release_is_marked_where_it_is_on_the_axis_of_milliseconds():
         status=Status.RELEASES,
         release_time=0.125,
     )
-    axes = plot_force(trace, Figure().subplots())
+    axes = plot_force_with_events(trace, Figure().subplots())
     force, mark = axes.lines
     assert max(force.get_xdata()) == 300.0
     assert set(mark.get_xdata()) == {125.0}
@@ -164,7 +166,7 @@ def test_other_releases_than_the_one_asked_about_are_marked_too():
         status=Status.RELEASES,
         release_time=0.125,
     )
-    _, other, asked = plot_force(trace, Figure().subplots()).lines
+    _, other, asked = plot_force_with_events(trace, Figure().subplots()).lines
     assert (set(other.get_xdata()), set(asked.get_xdata())) == ({50.0}, {125.0})
 
 
@@ -174,7 +176,7 @@ def test_a_ring_ends_where_the_next_release_is_and_not_where_the_tip_runs_over_a
         SimpleNamespace(status=Status(status), released_s=at, pull_n=PEAK)
         for status, at in (("releases", RELEASE), ("run-over", 30e-3), ("releases", 60e-3))
     )
-    cut = _cut_ring(replace(trace, events=events), 0)
+    cut = _cut_ring_of_event(replace(trace, events=events), 0)
     time = cut.column("time_s")
     assert time[0] == pytest.approx(RELEASE, abs=1.0 / RATE)
     assert time[-1] == pytest.approx(60e-3, abs=1.5 / RATE)
@@ -193,7 +195,7 @@ def test_of_a_place_that_is_met_twice_the_release_answers_and_not_the_way_past_i
         )
         for status, at, pull in (("run-over", 10e-3, 0.4), ("releases", RELEASE, PEAK))
     )
-    answer = _judge_by_asked_place(replace(trace_of(), events=events), 3, None, None)
+    answer = _set_figures_of_asked_place(replace(trace_of(), events=events), 3, None, None)
     assert (answer.asked, answer.status, answer.release_time) == (1, Status.RELEASES, RELEASE)
 
 
@@ -210,5 +212,5 @@ def test_a_ring_ends_at_the_very_next_release_and_each_release_rings_by_itself()
     )
     trace = replace(first, rows=np.concatenate([first.rows, again]), events=events)
     for event in (0, 1):
-        ring = measure_ring(trace, spectra=False, event=event)
+        ring = measure_ring(trace, with_spectra=False, event=event)
         assert ring.duration == pytest.approx(decay * math.log(20.0), abs=1.0 / 300.0), event

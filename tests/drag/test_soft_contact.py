@@ -16,7 +16,7 @@ from stepblocks.drag.simulate import simulate_drag
 from stepblocks.drag.track import build_step_track, build_track
 from stepblocks.rig.effects.named import list_named_laws
 from stepblocks.rig.forward import BenchDesign, build_nominal_state
-from stepblocks.rig.state import compute_channels
+from stepblocks.rig.state import compute_shown_channels
 
 _SPRING = 3  # of the channels
 _VALUES = {"ln_conversion": -1.5, "ln_ring_frequency": 5.7, "ln_decay_time": -3.9}
@@ -51,7 +51,7 @@ def test_the_ramp_of_a_drag_in_time_is_as_soft_as_its_contact_makes_it(
         state = build_nominal_state(
             design, _VALUES | {"friction": friction, "stiffness_ratio": 1.0}
         )
-        soft = compute_channels(
+        soft = compute_shown_channels(
             found.apply(state, None, {"depth_at_1n_m": (1.0 / stiffness) ** (1.0 / power)})
         )[0, _SPRING]
         # origin: the integrated drag, which knows nothing of the formula

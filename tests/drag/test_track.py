@@ -18,7 +18,7 @@ from stepblocks.contact.operating_point import PAPER
 from stepblocks.drag import kernels
 from stepblocks.drag.catches import find_catch_places
 from stepblocks.drag.kernels.peaks import find_prominent_peaks
-from stepblocks.drag.plan import build_model
+from stepblocks.drag.plan import build_integrator_model
 from stepblocks.drag.probe import PAPER_DRAG, DragSettings
 from stepblocks.drag.run import drag_over
 from stepblocks.drag.simulate import simulate_drag
@@ -113,7 +113,7 @@ def test_where_a_contact_presses_a_rough_track_flat_its_energy_has_no_jump():
     x = np.arange(-0.2e-3, 0.2e-3, 1e-6)
     track = build_track(Profile(x, np.cumsum(rng.normal(0.0, 0.15e-6, x.size))), R)
     depth, window = 0.7e-6, 37e-6
-    kept = track.list_separate_kinks(depth, window)
+    kept = track.list_kinks_with_two_contacts(depth, window)
     pressed = track.flatten_kinks(kept, 9e-6)
     branches = track.compute_branch_cubics(kept, 2.5e-6, window)
     assert 0 < kept.size < track.kinks.size
@@ -211,11 +211,11 @@ def test_over_a_face_that_is_its_own_mirror_image_a_tip_is_pulled_left_as_it_is_
     )
     track = build_track(Profile(x, z * 50e-6), R)
     assert track.x[track.kinks] == pytest.approx(np.array([-300, -100, 100, 300]) * 1e-6, abs=1e-12)
-    window, depth = 0.3 * R, PAPER_DRAG.find_indentation(1.0)
+    window, depth = 0.3 * R, PAPER_DRAG.compute_indentation(1.0)
     branches = track.compute_branch_cubics(np.arange(4), 1e-6, window)
     path = kernels.Path(track.x, track.cubics, track.kinks, branches)
     settings = DragSettings(1.0, 0.15, speed=0.0, pulling_force=1.0, handle_mass=0.05)
-    model = build_model(PAPER_DRAG, settings, window, 1e6)
+    model = build_integrator_model(PAPER_DRAG, settings, window, 1e6)
     none = np.zeros(0)
     rows = {}
     for way in (1.0, -1.0):

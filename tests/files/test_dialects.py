@@ -25,7 +25,7 @@ from stepblocks.predict.perception import read_discrimination
 from stepblocks.predict.table import predict_table
 from stepblocks.records.sheet_read import read_filled_sheet
 from stepblocks.scans.read import read_scan
-from stepblocks.simulators.compare import _read_record
+from stepblocks.simulators.compare import _read_force_record
 from stepblocks.study.design.read import read_sheet_rows
 
 QUICK, ALL = 20, 200
@@ -124,7 +124,7 @@ def compare_record(path: Path, write: Callable[[dict[str, list]], None]) -> None
     forces = [0.5 + 0.25 * (number % 7) for number in range(80)]
     write({"time_s": times, "force_n": forces})
     event = list_vibration_events(Step(25e-6), PAPER)[0]
-    force, rate, has_pull = _read_record(path, str(path), event, TableLayout())
+    force, rate, has_pull = _read_force_record(path, str(path), event, TableLayout())
     assert has_pull
     assert rate == pytest.approx(10_000.0, rel=1e-9)
     np.testing.assert_allclose(force, forces, rtol=1e-14)

@@ -117,7 +117,7 @@ def test_force_dimension_is_felt_along_its_own_axes(stubs):
     renderer = Renderer(Step(50e-6).centre_path(PAPER.ball_radius), PAPER, scale=100.0, rate=RATE)
     servo = Servo(renderer, hand, waits=False, seconds=0.6)
     servo.run()
-    record = servo.get_columns()
+    record = servo.get_log_columns()
     assert servo.ended == "time is up"
     assert record["applied_x_n"].min() < -0.1  # it is held back at the edge
     assert (record["held"] == 0.0).sum() > 100  # the button was let go

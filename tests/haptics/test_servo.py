@@ -13,7 +13,7 @@ from stepblocks.contact.event import compute_ring_energy, list_vibration_events
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.haptics.hands import Mouse
 from stepblocks.haptics.renderer import Renderer
-from stepblocks.haptics.servo import COLUMNS, RATE, Limits, Servo, write_motion
+from stepblocks.haptics.servo import COLUMNS, RATE, Limits, Servo, write_motion_file
 
 FACE, SCALE = Step(50e-6), 100.0
 EVENT = list_vibration_events(FACE, PAPER)[0]
@@ -60,7 +60,7 @@ def felt(hand, **options):
 
 def test_logged_forces_are_the_renderer_s_and_the_hand_s(hand):
     servo = felt(hand)
-    record, again = servo.get_columns(), renderer()
+    record, again = servo.get_log_columns(), renderer()
     again.reset(hand[0])
     forces = np.array([again.tick(position, np.zeros(3)).copy() for position in hand])
     for axis, name in enumerate("xyz"):
@@ -72,7 +72,7 @@ def test_logged_forces_are_the_renderer_s_and_the_hand_s(hand):
 
 
 def test_the_logged_ring_carries_the_energy_of_equation_one(hand):
-    record = felt(hand).get_columns()
+    record = felt(hand).get_log_columns()
     first = int(np.flatnonzero(record["events"] > 0)[0])
     ring = (record["force_x_n"] + record["pull_n"])[first:]
     expected = TOOL.conversion * 0.5 * record["pull_n"][first - 1] ** 2 / TOOL.stiffness
@@ -81,13 +81,13 @@ def test_the_logged_ring_carries_the_energy_of_equation_one(hand):
 
 
 def test_without_vibration_nothing_rings(hand):
-    record = felt(hand, event=False).get_columns()
+    record = felt(hand, event=False).get_log_columns()
     assert record["events"].max() == 1
     assert np.abs(record["force_x_n"] + record["pull_n"]).max() < 1e-12
 
 
 def test_no_force_exceeds_the_limit_or_grows_faster_than_allowed(hand):
-    record = felt(hand, limits=Limits(force=0.9, growth=200.0)).get_columns()
+    record = felt(hand, limits=Limits(force=0.9, growth=200.0)).get_log_columns()
     size = np.linalg.norm([record[f"applied_{name}_n"] for name in "xyz"], axis=0)
     assert size.max() == pytest.approx(0.9, abs=1e-9)
     assert np.diff(size).max() <= 0.2 + 1e-9  # 200 N/s for a millisecond
@@ -108,12 +108,12 @@ def test_a_mouse_gets_over_a_block_that_releases_beyond_the_limit_of_force():
 
         def read(self):
             self.x += 1e-4
-            self.update_position(min(self.x, 1.2 * SCALE * release / TOOL.stiffness), True)
+            self.update_target(min(self.x, 1.2 * SCALE * release / TOOL.stiffness), True)
             return super().read()
 
     servo = Servo(one, Moved(0.5, one.wall, float(one.path.z.max())), waits=False, seconds=2.0)
     servo.run()
-    record = servo.get_columns()
+    record = servo.get_log_columns()
     assert (record["events"].max(), one.proxy[0] > 0.0) == (1, True)
     assert record["pull_n"].max() == pytest.approx(release, rel=0.01)
     assert (
@@ -130,7 +130,7 @@ def test_who_lets_go_feels_nothing(hand):
 
     servo = Servo(renderer(), Slipping(hand), waits=False, seconds=1.0)
     servo.run()
-    record = servo.get_columns()
+    record = servo.get_log_columns()
     assert set(record["held"]) == {0.0, 1.0}
     assert np.abs(record["applied_z_n"][record["held"] == 0.0]).max() == 0.0
     assert record["applied_z_n"][record["held"] == 1.0].max() > 0.5
@@ -147,7 +147,7 @@ def test_a_hand_that_fails_or_hangs_is_let_go_until_it_has_let_go_itself(hand):
     servo = Servo(renderer(), Broken(hand), waits=False, seconds=0.5)
     servo.run()
     assert (servo.ticks, servo.ended, servo.doubts) == (500, "time is up", ["OSError: cable"])
-    applied = servo.get_columns()["applied_z_n"]
+    applied = servo.get_log_columns()["applied_z_n"]
     assert applied[40:50].min() > 0.5
     assert not applied[50:319].any()  # the cable was mended at once, the hand let go much later
     assert applied[340:].min() > 0.5
@@ -162,7 +162,7 @@ def test_a_hand_that_fails_or_hangs_is_let_go_until_it_has_let_go_itself(hand):
     servo = Servo(renderer(), Hanging(hand), seconds=0.2)
     servo.run()
     assert servo.doubts[0].startswith("watchdog")
-    assert not servo.get_columns()["applied_z_n"][6:].any()
+    assert not servo.get_log_columns()["applied_z_n"][6:].any()
     assert not servo.hand.forces[-1].any()
 
 
@@ -174,9 +174,9 @@ def test_late_ticks_are_counted_and_the_rate_is_kept(hand):
     servo = Servo(renderer(), Replay(hand), seconds=0.5)
     servo.start()
     servo.join(10.0)
-    summary = servo.summarise_ticks()
+    summary = servo.count_late_ticks()
     assert (servo.ended, summary["ticks"]) in (("time is up", 500), (servo.ended, servo.ticks))
-    late = servo.get_columns()["late_s"]
+    late = servo.get_log_columns()["late_s"]
     assert summary["late_ticks"] == int((late > 200e-6).sum())
     assert np.median(late) < 200e-6
 
@@ -186,7 +186,7 @@ def test_a_mouse_comes_down_keeps_the_load_and_lets_go_when_its_page_is_silent(m
     now = [0.0]
     monkeypatch.setattr("stepblocks.haptics.hands.time.monotonic", lambda: now[0])
     mouse = Mouse(0.5, one.wall, float(one.path.z.max()))
-    mouse.update_position(-5e-3, True)
+    mouse.update_target(-5e-3, True)
     for _ in range(60):
         position, velocity, held = mouse.read()
         force = one.tick(position, velocity)
@@ -199,7 +199,7 @@ def test_a_mouse_comes_down_keeps_the_load_and_lets_go_when_its_page_is_silent(m
 
 def test_a_trial_is_written_with_its_units_and_how_late_it_was(hand, tmp_path):
     h5py = pytest.importorskip("h5py")
-    write_motion(tmp_path / "trial.h5", felt(hand), {"stimulus": "step-050"})
+    write_motion_file(tmp_path / "trial.h5", felt(hand), {"stimulus": "step-050"})
     with h5py.File(tmp_path / "trial.h5") as file:
         assert list(file) == list(COLUMNS)
         assert (file.attrs["stimulus"], file.attrs["ticks"], file.attrs["late_ticks"]) == (

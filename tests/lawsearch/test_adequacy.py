@@ -10,17 +10,17 @@ from statsmodels.api import OLS, add_constant
 from oracles.toy_model import Toy, toy_effects, toy_trials
 from stepblocks.lawsearch import adequacy
 from stepblocks.lawsearch.adequacy import (
-    compare_with_replicates,
-    compute_smooth_p,
-    find_largest_shares,
+    compute_smooth_p_value,
+    find_largest_gain_shares,
     fit_without_each_channel,
+    test_misfit_against_replicates,
 )
 from stepblocks.lawsearch.discrimination import rank_settings
 from stepblocks.lawsearch.explain import explain
 from stepblocks.lawsearch.findings import Rules
 from stepblocks.lawsearch.fit import build_problem, fit
 from stepblocks.lawsearch.forward_model import Floats, Trials
-from stepblocks.lawsearch.identifiability import compare_directions
+from stepblocks.lawsearch.identifiability import find_indistinguishable_effects
 from stepblocks.lawsearch.law import Active, Law, Parameter
 from stepblocks.lawsearch.noise import build_noise
 from stepblocks.lawsearch.scatter import Scatter
@@ -30,7 +30,7 @@ _RULES = Rules(draws=200)
 
 def test_what_a_constant_imitates_is_named_from_the_design_alone() -> None:
     problem = build_problem(Toy(), toy_trials(60, 4))
-    outcome = compare_directions(problem, fit(problem), toy_effects())
+    outcome = find_indistinguishable_effects(problem, fit(problem), toy_effects())
     assert outcome.imitated_by_constants == {"shift": ("a",)}
 
 
@@ -157,17 +157,19 @@ def test_pure_error_is_the_scatter_among_replicates() -> None:
     generator = np.random.default_rng(11)
     cells = [i // 4 for i in range(400)]
     noise = generator.normal(0.0, 0.2, 400)
-    fine = compare_with_replicates(noise, cells, constants=1)
+    fine = test_misfit_against_replicates(noise, cells, constant_count=1)
     assert fine.replicate_std == pytest.approx(0.2, rel=0.1)
     assert fine.lack_of_fit_p_value > 0.01
     assert (
-        compare_with_replicates(
-            noise + 0.3 * np.sin(np.array(cells)), cells, constants=1
+        test_misfit_against_replicates(
+            noise + 0.3 * np.sin(np.array(cells)), cells, constant_count=1
         ).lack_of_fit_p_value
         < 1e-6
     )
     assert np.isnan(
-        compare_with_replicates(noise[:4], [0, 1, 2, 3], constants=1).lack_of_fit_p_value
+        test_misfit_against_replicates(
+            noise[:4], [0, 1, 2, 3], constant_count=1
+        ).lack_of_fit_p_value
     )
 
 
@@ -191,9 +193,9 @@ def test_what_columns_explain_of_a_residual_is_judged_as_in_a_regression_at_any_
     random = np.random.default_rng(3)
     columns = random.standard_normal((60, 3))
     residual = 5.0 + 0.3 * columns[:, 1] + random.standard_normal(60)
-    ours = compute_smooth_p(residual, columns)
+    ours = compute_smooth_p_value(residual, columns)
     assert ours == pytest.approx(OLS(residual, add_constant(columns)).fit().f_pvalue, rel=1e-9)
-    assert compute_smooth_p(residual - 9.0, columns) == pytest.approx(ours, rel=1e-9)
+    assert compute_smooth_p_value(residual - 9.0, columns) == pytest.approx(ours, rel=1e-9)
 
 
 def test_the_constant_that_imitates_an_effect_most_is_named_first() -> None:
@@ -205,7 +207,7 @@ def test_the_constant_that_imitates_an_effect_most_is_named_first() -> None:
     trials.values[:, 1] = np.nan
     problem = build_problem(Toy(), trials)
     lean = Law("lean", "s (1 + x)", (size,), apply, "level", "x")
-    outcome = compare_directions(problem, fit(problem), [lean])
+    outcome = find_indistinguishable_effects(problem, fit(problem), [lean])
     # closed form: on the first channel 1 + x is one column of a and one of b, and that of ones is
     # longer than that of x, which lies within one of zero
     assert outcome.imitated_by_constants == {"lean": ("a", "b")}
@@ -258,7 +260,7 @@ def test_the_channel_that_an_effect_moves_carries_it_whatever_the_order_of_chann
     )
     current = fit(problem, [_law_of(moved)])
     without_channel = fit_without_each_channel(problem, current)
-    trial, channel = find_largest_shares(fit(problem), current, without_channel)
+    trial, channel = find_largest_gain_shares(fit(problem), current, without_channel)
     assert channel == (seen_by, pytest.approx(1.0))
     assert trial == (7, pytest.approx(0.81 / (0.81 + 79 * 0.04), abs=2e-3))
 
@@ -271,7 +273,7 @@ def test_of_what_a_certificate_says_no_trial_has_a_share() -> None:
     base, current = fit(problem), fit(problem, [law])
     assert base.cost - current.cost == pytest.approx(100.0, rel=0.1)
     without_channel = fit_without_each_channel(problem, current)
-    (_, of_trial), (_, of_channel) = find_largest_shares(base, current, without_channel)
+    (_, of_trial), (_, of_channel) = find_largest_gain_shares(base, current, without_channel)
     assert of_trial < 0.03
     # the level is seen in both channels
     assert of_channel < 0.5

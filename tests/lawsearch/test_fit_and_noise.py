@@ -19,10 +19,10 @@ from stepblocks.lawsearch.problem import Problem
 from stepblocks.lawsearch.scatter import (
     Residual,
     Scatter,
-    compute_least_scatter,
+    combine_least_scatter,
     compute_replicate_residual,
     estimate_scatter,
-    find_outliers,
+    mark_outliers,
 )
 
 
@@ -116,10 +116,10 @@ def test_the_least_of_two_scatters_adds_up_to_no_less_than_either_saw() -> None:
     splits = [
         Scatter(np.array([a**2]), np.array([b**2]), 60) for a, b in ((0.05, 0.13), (0.13, 0.05))
     ]
-    found = compute_least_scatter(splits, np.ones((4, 1, 1)))
+    found = combine_least_scatter(splits, np.ones((4, 1, 1)))
     assert found.quantities + found.channels == pytest.approx(0.05**2 + 0.13**2)
     # a channel that scatters less by one of the two estimates in all is taken from that one
-    calm = compute_least_scatter(
+    calm = combine_least_scatter(
         [splits[0], Scatter(np.array([0.01]), np.array([1e-4]), 40)], np.ones((4, 1, 1))
     )
     assert calm.quantities + calm.channels == pytest.approx(0.0101)
@@ -189,17 +189,19 @@ def test_what_trials_share_is_no_scatter_of_each() -> None:
     assert blind.noise.scatter.channels[0] > 0.15**2
     # and the next fit takes it up, with all that is known by then
     problem = replace(blind, model=Shared())
-    problem = problem.reduce_noise(fit(problem))
+    problem = problem.estimate_noise_about_fit(fit(problem))
     # origin: the trials were drawn with 0.02, which their own uncertainty covers
     assert problem.noise.scatter.channels[0] < 0.01**2
-    assert problem.noise.subtract_shared(shared) == pytest.approx(np.zeros((120, 2)), abs=1e-3)
+    assert problem.noise.subtract_shared_errors(shared) == pytest.approx(
+        np.zeros((120, 2)), abs=1e-3
+    )
 
 
 def test_a_value_far_from_all_others_is_marked_and_no_other() -> None:
     trials = toy_trials(60, 5)
     values = trials.values.copy()
     values[17, 1] += 30.0
-    marked = find_outliers(replace(trials, values=values))
+    marked = mark_outliers(replace(trials, values=values))
     assert np.argwhere(marked).tolist() == [[17, 1]]
 
 

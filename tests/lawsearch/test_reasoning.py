@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from oracles.toy_model import Toy, toy_effects, toy_trials
-from stepblocks.lawsearch.choice import Rival, select_likeliest
+from stepblocks.lawsearch.choice import Rival, select_likeliest_rivals
 from stepblocks.lawsearch.claims import (
     choose_delivered_effects,
-    withdraw_claims,
+    withdraw_claims_for_hints,
     withdraw_unsupported_claims,
 )
 from stepblocks.lawsearch.explain import explain
@@ -24,7 +24,7 @@ from stepblocks.lawsearch.gate import Gate, score_candidates
 from stepblocks.lawsearch.holdout import (
     Holdout,
     build_folds,
-    select_effects_without,
+    select_effects_without_fold,
     split_by_block,
     split_within_blocks,
 )
@@ -59,9 +59,9 @@ def test_a_named_law_is_found_with_its_size() -> None:
 
 def test_a_claim_is_withdrawn_where_something_beyond_the_model_is_known_and_only_there() -> None:
     found = explain(Toy(), toy_trials(120, 1, square=0.5), toy_effects(), _RULES)
-    assert withdraw_claims(found, ()) is found
+    assert withdraw_claims_for_hints(found, ()) is found
     hint = Hint("clock", "friction", 0.001, "The clock jumped by an hour.")
-    withdrawn = withdraw_claims(found, (hint,))
+    withdrawn = withdraw_claims_for_hints(found, (hint,))
     assert withdrawn.verdict is Verdict.UNEXPLAINED
     assert [(f.verdict, f.reason) for f in withdrawn.findings] == [
         (Verdict.UNEXPLAINED, "The clock jumped by an hour.")
@@ -136,11 +136,11 @@ def test_a_group_holds_the_truth_by_95_percent_and_names_no_more() -> None:
     ]
     # origin: exp(-behind / 2) to 1 for the effect itself; with two rivals the group holds 2.135 of
     # 2.204, which is 96.9 %
-    assert [r.behind for r in select_likeliest(rivals, rivals[:1])] == [0.0, 4.0]
-    assert [r.behind for r in select_likeliest(rivals, rivals[3:])] == [0.0, 4.0, 7.9]
+    assert [r.behind for r in select_likeliest_rivals(rivals, rivals[:1])] == [0.0, 4.0]
+    assert [r.behind for r in select_likeliest_rivals(rivals, rivals[3:])] == [0.0, 4.0, 7.9]
     # one alone is named even where the effect holds more than that: 1 of 1.019
-    assert [r.behind for r in select_likeliest(rivals[3:], rivals[3:])] == [7.9]
-    assert select_likeliest([], []) == ()
+    assert [r.behind for r in select_likeliest_rivals(rivals[3:], rivals[3:])] == [7.9]
+    assert select_likeliest_rivals([], []) == ()
 
 
 def test_a_law_that_differs_between_labels_is_no_rival_of_itself_where_it_does_not_differ() -> None:
@@ -222,7 +222,7 @@ def test_held_out_error_falls_to_the_scatter_once_the_effect_is_in() -> None:
     found = explain(Toy(), trials, toy_effects(), _RULES)
     folds = build_folds(found.problem, split_within_blocks(trials, 4))
     selected = [
-        select_effects_without(fold, lambda _: toy_effects(), _RULES, found.extended.values)
+        select_effects_without_fold(fold, lambda _: toy_effects(), _RULES, found.extended.values)
         for fold in folds
     ]
     _, (errors,) = choose_delivered_effects(found, (folds,), lambda _: toy_effects())
@@ -258,8 +258,8 @@ def test_a_fold_that_cannot_tell_two_effects_apart_does_not_contradict_the_whole
     problem = build_problem(Toy(), seen)
     whole = fit(problem, [laws[1]]).values
     (fold,) = build_folds(problem, [rows])
-    assert select_effects_without(fold, lambda _: laws, _RULES, whole) == (said,)
-    assert select_effects_without(fold, lambda _: laws, _RULES, {}) == ("by_w",)
+    assert select_effects_without_fold(fold, lambda _: laws, _RULES, whole) == (said,)
+    assert select_effects_without_fold(fold, lambda _: laws, _RULES, {}) == ("by_w",)
 
 
 @pytest.mark.parametrize(

@@ -11,14 +11,14 @@ import pytest
 from scipy import stats
 
 from oracles.toy_model import Toy, toy_effects, toy_trials
-from stepblocks.lawsearch.adequacy import check_residuals
+from stepblocks.lawsearch.adequacy import test_residuals_against_covariates
 from stepblocks.lawsearch.choice import choose_candidate
 from stepblocks.lawsearch.directions import build_tangent_basis, compute_tangent
 from stepblocks.lawsearch.fit import build_problem, fit
 from stepblocks.lawsearch.forward_model import Systematic
-from stepblocks.lawsearch.gate import compute_detectable, score_candidates
+from stepblocks.lawsearch.gate import compute_detectable_amplitudes, score_candidates
 from stepblocks.lawsearch.law import Law, Parameter
-from stepblocks.lawsearch.mixture import find_bad_trials
+from stepblocks.lawsearch.mixture import estimate_bad_trial_chances
 from stepblocks.lawsearch.noise import build_noise
 from stepblocks.lawsearch.scatter import Scatter
 from stepblocks.lawsearch.search import add_or_replace_effect, exchange_or_drop_effect
@@ -90,13 +90,13 @@ def test_an_effect_whose_fit_is_known_takes_part_and_is_not_fitted_again(squared
     problem = build_problem(Toy(), squared)
     square, *others = toy_effects()
     known = fit(problem, (square,))
-    _, base, choice = _chosen(squared, others, known=(known,))
+    _, base, choice = _chosen(squared, others, known_fits=(known,))
     assert choice.lead is known
     # nor is what cannot come near it: a straight line has nothing of an even law
     assert len(choice.tried) == 1
     # one that is known to gain nothing leads nobody
     idle = replace(known, cost=base.cost, effects=(others[0],))
-    assert _chosen(squared, [square], known=(idle,))[2].lead.effects == (square,)
+    assert _chosen(squared, [square], known_fits=(idle,))[2].lead.effects == (square,)
 
 
 def test_a_law_that_gains_less_but_may_surprise_is_fitted_in_full(squared):
@@ -152,7 +152,7 @@ def test_trials_that_went_wrong_are_distinguished_from_those_that_scatter(shared
         Scatter(np.zeros(0), np.ones(1), 200),
     )
     problem = SimpleNamespace(trials=trials, noise=noise)
-    found = find_bad_trials(problem, SimpleNamespace(predicted=np.zeros((200, 1))))
+    found = estimate_bad_trial_chances(problem, SimpleNamespace(predicted=np.zeros((200, 1))))
     chance, share = found.chance, found.share
     assert np.flatnonzero(chance > 0.9).tolist() == wrong
     assert share == pytest.approx(4 / 200, abs=0.015)
@@ -196,7 +196,7 @@ def test_what_can_be_detected_opens_the_gate_nine_times_in_ten(monkeypatch):
     direction = SimpleNamespace(effect=effect, root=np.array([[3.0]]))
     monkeypatch.setattr("stepblocks.lawsearch.gate.compute_directions", lambda *_: [direction])
     monkeypatch.setattr("stepblocks.lawsearch.gate.build_tangent_basis", lambda _: None)
-    (size,) = compute_detectable(None, None, [effect], needed=4.0).values()
+    (size,) = compute_detectable_amplitudes(None, None, [effect], needed_gain=4.0).values()
     (scale,) = (one.scale for one in effect.parameters)
     assert size == pytest.approx((2.0 + stats.norm.isf(0.1)) * 3.0 * scale, rel=1e-4)
 
@@ -210,11 +210,11 @@ def test_a_law_of_another_place_does_not_lead_before_a_curve(squared):
 
 def test_residuals_are_checked_over_every_covariate_where_there_are_enough_trials():
     problem = build_problem(Toy(), toy_trials(120, 4))
-    checks, _ = check_residuals(problem, fit(problem))
+    checks, _ = test_residuals_against_covariates(problem, fit(problem))
     pairs = {(channel, name) for channel in ("first", "second") for name in ("x", "z", "w")}
     assert {(channel, name) for channel, name, _ in checks} == pairs
     few = build_problem(Toy(), toy_trials(12, 4))  # 12 trials, 8 more than a smooth has columns
-    assert check_residuals(few, fit(few)) == ((), True)
+    assert test_residuals_against_covariates(few, fit(few)) == ((), True)
 
 
 def test_a_law_at_another_place_leaves_those_that_stand_and_one_that_is_not_needed_is_dropped(
@@ -261,7 +261,7 @@ def test_what_can_be_detected_knows_nothing_of_the_step_of_a_parameter(squared):
     base, effect = fit(problem), toy_effects()[0]
     coarse = tuple(replace(one, scale=4.0 * one.scale) for one in effect.parameters)
     one, other = (
-        next(iter(compute_detectable(problem, base, [law], needed=4.0).values()))
+        next(iter(compute_detectable_amplitudes(problem, base, [law], needed_gain=4.0).values()))
         for law in (effect, replace(effect, parameters=coarse))
     )
     assert other == pytest.approx(one, rel=0.02)

@@ -11,14 +11,18 @@ from stepblocks.lawsearch.explain import explain
 from stepblocks.lawsearch.findings import Rules, Verdict
 from stepblocks.lawsearch.fit import build_problem, fit
 from stepblocks.lawsearch.law import Law, Parameter
-from stepblocks.lawsearch.run_order import bound_jump_place, build_wandering_errors, follows_time
+from stepblocks.lawsearch.run_order import (
+    build_wandering_errors,
+    compute_jump_place_interval,
+    follows_time,
+)
 from stepblocks.lawsearch.search import find_residual_structure, search_effects
 from stepblocks.lawsearch.structure import (
     OrderedErrors,
     estimate_quantity_errors,
-    find_group_hint,
-    find_hints,
-    make_neighbour_hint,
+    find_structure_hints,
+    find_two_group_hint,
+    test_neighbour_correlation,
 )
 from stepblocks.lawsearch.walk import fit_random_walk
 
@@ -34,7 +38,7 @@ def _shifted(n: int, seed: int, shift: np.ndarray):
 
 def _hints(trials):
     problem = build_problem(_MODEL, trials)
-    return find_hints(problem, fit(problem))
+    return find_structure_hints(problem, fit(problem))
 
 
 def test_chance_alone_is_reported_as_nothing():
@@ -56,10 +60,10 @@ def test_groups_nearer_than_the_uncertainty_of_an_error_are_none():
     # not scatter fell into groups a millionth apart
     values = np.concatenate([np.linspace(-1.0, 1.0, 40), np.linspace(9.0, 11.0, 20)]) * 1e-7
     rows = np.arange(60)
-    hint = find_group_hint("load", OrderedErrors(rows, values, np.full(60, 1e-7)))
+    hint = find_two_group_hint("load", OrderedErrors(rows, values, np.full(60, 1e-7)))
     assert hint is not None
     assert [len(group) for group in hint.clusters] == [40, 20]
-    assert find_group_hint("load", OrderedErrors(rows, values, np.full(60, 1e-6))) is None
+    assert find_two_group_hint("load", OrderedErrors(rows, values, np.full(60, 1e-6))) is None
 
 
 def test_neighbours_that_err_together_are_reported_and_no_law_is_read_off_them():
@@ -138,9 +142,11 @@ def test_the_place_of_a_jump_lies_in_its_interval_as_often_as_stated():
         rise = 0.5 * (trials.covariates["z"] > 0.2)
         trials = replace(trials, values=trials.values + np.stack([rise, 2.0 * rise], axis=1))
         problem = build_problem(Toy(), trials)
-        problem = problem.reduce_noise(fit(problem, [jump], {"jump.at": 0.2, "jump.step": 0.5}))
+        problem = problem.estimate_noise_about_fit(
+            fit(problem, [jump], {"jump.at": 0.2, "jump.step": 0.5})
+        )
         fitted = fit(problem, [jump], {"jump.at": 0.2, "jump.step": 0.5})
-        low, high = bound_jump_place(problem, fitted, jump, "at", trials.covariates["z"])
+        low, high = compute_jump_place_interval(problem, fitted, jump, "at", trials.covariates["z"])
         inside += low <= 0.2 <= high
         widths.append(high - low)
     # origin: Hansen 2000; of 40 intervals of 95 %, 35 hold it but for one draw in a hundred
@@ -171,7 +177,7 @@ def test_neighbours_are_tested_by_ljung_and_box_over_five_lags():
     # origin: Ljung and Box 1978, Q = n (n + 2) sum r_k^2 / (n - k), chi squared of five lags
     q = n * (n + 2.0) * np.sum(r**2 / (n - np.arange(1.0, 6.0)))
     assert fit_random_walk(values).gain < 1e-6
-    found = make_neighbour_hint("level", values)
+    found = test_neighbour_correlation("level", values)
     assert found.p_value == pytest.approx(2.0 * chi2.sf(q, 5), rel=1e-9)
 
 

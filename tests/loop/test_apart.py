@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stepblocks.lawsearch.forward_model import Trials
-from stepblocks.loop.apart import TrialFault, describe_trial
+from stepblocks.loop.apart import TrialFault, describe_trial_fault
 from stepblocks.rig.state import CHANNELS
 
 
@@ -41,7 +41,7 @@ def test_each_fault_is_told_by_what_it_does_to_energy_force_and_friction(error, 
     found = _explain(predicted, ["low", "high", "highest"], [0.5, 0.5, 0.8])
     measured = np.array(found.extended.predicted)
     measured[0, :3] += error
-    assert describe_trial(found, measured, 0) == fault.describe(**figures)
+    assert describe_trial_fault(found, measured, 0) == fault.describe(**figures)
 
 
 def test_an_early_release_may_be_another_block_and_both_are_named():
@@ -52,4 +52,4 @@ def test_an_early_release_may_be_another_block_and_both_are_named():
     expected = TrialFault.RELEASED_EARLY_OR_WRONG_BLOCK.describe(
         percent=100.0 * np.exp(-0.5), twin="low"
     )
-    assert describe_trial(found, measured, 0) == expected
+    assert describe_trial_fault(found, measured, 0) == expected

@@ -17,11 +17,11 @@ from stepblocks.lawsearch.fit import build_problem, fit
 from stepblocks.lawsearch.forward_model import Trials
 from stepblocks.lawsearch.law import SizedChange
 from stepblocks.lawsearch.objective import Objective
-from stepblocks.lawsearch.structure import find_hints
+from stepblocks.lawsearch.structure import find_structure_hints
 from stepblocks.loop.bench_model import (
     SessionModel,
-    find_followed_column,
-    list_candidates,
+    get_covariate_column,
+    list_candidate_laws,
     list_covariate_ranges,
 )
 from stepblocks.rig.forward import PEAK_FORCE, SPEED_OVER_LOAD
@@ -37,11 +37,11 @@ def test_an_effect_may_follow_what_the_model_computes_and_no_column_holds():
     trials = Trials(columns, CHANNELS, none, none, np.array(["a", "b"]))
     predicted = none.copy()
     predicted[:, CHANNELS.index("ln_peak_force")] = np.log([1.5, 4.0])
-    assert find_followed_column(trials, predicted, "peak_force_n") == pytest.approx([1.5, 4.0])
-    assert find_followed_column(trials, predicted, "speed_mm_s / load_n") == pytest.approx(
+    assert get_covariate_column(trials, predicted, "peak_force_n") == pytest.approx([1.5, 4.0])
+    assert get_covariate_column(trials, predicted, "speed_mm_s / load_n") == pytest.approx(
         [4.0, 3.0]
     )
-    assert find_followed_column(trials, predicted, "load_n") is columns["load_n"]
+    assert get_covariate_column(trials, predicted, "load_n") is columns["load_n"]
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +70,7 @@ def test_laws_that_share_a_change_are_seen_as_if_each_were_tried_alone(trials):
     base = fit(problem)
     shared = [
         law
-        for law in list_candidates(trials, list_covariate_ranges(trials))
+        for law in list_candidate_laws(trials, list_covariate_ranges(trials))
         if isinstance(law.apply, SizedChange)
     ]
     assert {"friction", "contact_geometry", "normal_load", "sensor"} <= {law.slot for law in shared}
@@ -99,12 +99,12 @@ class _ModelWithoutStack:
     """The same model, of which a search may ask one point at a time alone."""
 
     def __init__(self, model):
-        self._model = model
+        self._compute_curve_for_shape = model
 
     def __getattr__(self, name):
         if name == "predict_stack":
             raise AttributeError(name)
-        return getattr(self._model, name)
+        return getattr(self._compute_curve_for_shape, name)
 
 
 def _compute_jacobians(model, trials, laws):
@@ -119,7 +119,7 @@ def _compute_jacobians(model, trials, laws):
 
 @pytest.mark.parametrize("beside", ["real_release", "added_load_operator"])
 def test_points_that_are_asked_for_together_give_the_slopes_of_each_by_itself(trials, beside):
-    asked = {law.id: law for law in list_candidates(trials, list_covariate_ranges(trials))}
+    asked = {law.id: law for law in list_candidate_laws(trials, list_covariate_ranges(trials))}
     laws = [law for law in asked.values() if law.covariate == PEAK_FORCE and law.shape][:2]
     together, one_by_one = _compute_jacobians(_MODEL, trials, [asked[beside], *laws])
     # origin: what a trial shows depends on its own state alone
@@ -143,12 +143,12 @@ def test_what_never_changed_can_explain_nothing(trials):
     same = type(trials)(constant, trials.channels, trials.values, trials.std, trials.block)
     names = {place.name for place in list_covariate_ranges(same)}
     assert not names & {"operator", "speed_mm_s"}
-    asked = list_candidates(same, list_covariate_ranges(same))
+    asked = list_candidate_laws(same, list_covariate_ranges(same))
     assert not {law.covariate for law in asked} & {"operator", "speed_mm_s"}
 
 
 def test_laws_are_asked_for_by_what_they_follow(trials):
-    asked = list_candidates(trials, list_covariate_ranges(trials))
+    asked = list_candidate_laws(trials, list_covariate_ranges(trials))
     followed = {law.covariate for law in asked if law.named}
     assert followed == {
         *(
@@ -174,7 +174,7 @@ def test_laws_are_asked_for_by_what_they_follow(trials):
 
 def test_edge_and_tip_imitate_each_other_so_a_scan_decides_which_is_asked_for(trials):
     def named(**keywords):
-        return {law.id for law in list_candidates(trials, (), **keywords)}
+        return {law.id for law in list_candidate_laws(trials, (), **keywords)}
 
     assert {"edge_rounding"} == named() & {"edge_rounding", "tip_radius_error", "block_tilt"}
     assert {"tip_radius_error"} == named(scanned_radius=0.5e-6) & {
@@ -187,13 +187,13 @@ def test_edge_and_tip_imitate_each_other_so_a_scan_decides_which_is_asked_for(tr
         "tip_radius_error",
         "block_tilt",
     }
-    assert named(with_imitated=True) >= {"edge_rounding", "tip_radius_error", "block_tilt"}
+    assert named(include_ruled_out=True) >= {"edge_rounding", "tip_radius_error", "block_tilt"}
 
 
 def test_scans_speak_for_rounded_edges_and_for_nothing_else(trials):
     def speak(radius):
         return {
-            law.id for law in list_candidates(trials, (), scanned_radius=radius) if law.evidence
+            law.id for law in list_candidate_laws(trials, (), scanned_radius=radius) if law.evidence
         }
 
     assert speak(14e-6) == {"edge_rounding"}
@@ -307,7 +307,7 @@ def test_an_error_that_the_evaluation_leaves_in_all_trials_makes_no_groups_of_th
         + np.random.default_rng(3).normal(0.0, 3e-4, len(off))
     )
     problem = build_problem(_MODEL, off)
-    assert find_hints(problem, fit(problem)) == ()
+    assert find_structure_hints(problem, fit(problem)) == ()
 
 
 def test_errors_that_trials_share_hold_none_of_the_noise_of_single_readings(trials):
@@ -341,7 +341,7 @@ def test_a_fit_ends_where_one_step_more_gains_nothing_though_friction_and_zero_l
     model = SessionModel(
         Tool(frequency=300.0, decay_time=0.02), scanned=block_scans(columns, 920_015)
     )
-    laws = {law.id: law for law in list_candidates(trials, list_covariate_ranges(trials))}
+    laws = {law.id: law for law in list_candidate_laws(trials, list_covariate_ranges(trials))}
     law = laws["step_zero_temperature_c"]
     readings = trials.covariates["temperature_c"]
     between = 0.5 * (readings[~warm].max() + readings[warm].min())

@@ -16,8 +16,8 @@ from stepblocks.errors import BenchError
 from stepblocks.lawsearch.explain import explain
 from stepblocks.lawsearch.findings import Rules, Verdict
 from stepblocks.lawsearch.fit import build_problem, fit
-from stepblocks.lawsearch.identifiability import compare_directions
-from stepblocks.loop.bench_model import list_candidates, list_covariate_ranges
+from stepblocks.lawsearch.identifiability import find_indistinguishable_effects
+from stepblocks.loop.bench_model import list_candidate_laws, list_covariate_ranges
 from stepblocks.loop.session_table import build_session_table, estimate_unloaded_zeros
 
 DECLARED = """schema = 1
@@ -145,7 +145,7 @@ def _planted(effect, **values):
     columns = design_columns(96, 12)
     empty = bench_trials(columns, 0)
     law = next(
-        law for law in list_candidates(empty, list_covariate_ranges(empty)) if law.id == effect
+        law for law in list_candidate_laws(empty, list_covariate_ranges(empty)) if law.id == effect
     )
     scans = {
         b: {"height_m": v, "height_std_m": s} for b, (v, s) in block_scans(columns, 12).items()
@@ -211,8 +211,10 @@ def test_a_clock_is_what_the_constants_imitate_and_a_certificate_corrects_them()
     features, scans = _planted("clock", ln_clock=0.02)
     found = _explained((features, scans), None)
     assert found.verdict is Verdict.NONE
-    (law,) = (law for law in list_candidates(found.problem.trials, ()) if law.id == "clock")
-    imitated = compare_directions(found.problem, found.nominal, [law]).imitated_by_constants
+    (law,) = (law for law in list_candidate_laws(found.problem.trials, ()) if law.id == "clock")
+    imitated = find_indistinguishable_effects(
+        found.problem, found.nominal, [law]
+    ).imitated_by_constants
     assert "ln_ring_frequency" in imitated["clock"]
     told = _explained((features, scans), {"ln_clock": (0.02, 1e-4)})
     for name, change in (("ln_ring_frequency", 0.02), ("ln_decay_time", -0.02)):

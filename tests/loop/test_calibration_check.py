@@ -9,11 +9,11 @@ from oracles.feature_bench import bench_trials, block_errors, design_columns
 from oracles.features_file import features_of
 from stepblocks.lawsearch.explain import explain
 from stepblocks.lawsearch.findings import Rules, Verdict
-from stepblocks.loop.bench_model import list_candidates, list_covariate_ranges
-from stepblocks.loop.calibration_check import check_calibration, weigh_calibration
+from stepblocks.loop.bench_model import list_candidate_laws, list_covariate_ranges
+from stepblocks.loop.calibration_check import apply_calibration_checks, check_calibration
 from stepblocks.loop.declared_checks import Declared
 from stepblocks.loop.session_table import build_session_table
-from stepblocks.rig.forward import name_height_error
+from stepblocks.rig.forward import make_height_error_name
 
 _TRIALS, _SEED = 40, 4
 
@@ -22,7 +22,7 @@ def build_table(gain=0.0, spring=1.0, known=None):
     """Build a session of 40 trials without scans, with another gain or spring than declared."""
     columns = design_columns(_TRIALS, _SEED)
     empty = bench_trials(columns, 0)
-    laws = list_candidates(empty, list_covariate_ranges(empty))
+    laws = list_candidate_laws(empty, list_covariate_ranges(empty))
     law = next(law for law in laws if law.id == "sensor_gain")
     effects = ((law, {"ln_gain": float(np.log1p(gain))}),)
     trials = bench_trials(columns, _SEED, effects, truth={"stiffness_ratio": spring})
@@ -53,10 +53,10 @@ def test_ramps_that_contradict_the_declared_spring_are_said_with_their_suspects(
 
 def test_intervals_of_heights_hold_what_is_not_known_of_the_gain(gained):
     columns, table, found = gained
-    weighed, _ = weigh_calibration(found, check_calibration(table.trials, table.model))
+    weighed, _ = apply_calibration_checks(found, check_calibration(table.trials, table.model))
     missed_before, missed = 0, 0
     for block, error in block_errors(columns, _SEED).items():
-        name = name_height_error(block)
+        name = make_height_error_name(block)
         miss = abs(found.extended.values[name] - error)
         missed_before += miss > 1.96 * found.extended.std[name]
         missed += miss > 1.96 * weighed.extended.std[name]

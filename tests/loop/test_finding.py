@@ -17,11 +17,11 @@ from stepblocks.lawsearch.claims import withdraw_unsupported_claims
 from stepblocks.lawsearch.explain import explain
 from stepblocks.lawsearch.findings import Rules, Verdict
 from stepblocks.lawsearch.structure import Hint
-from stepblocks.loop.finding import ErrorsInWords, format_errors, write_sentence
+from stepblocks.loop.finding import ErrorsInWords, format_finding_sentence, format_held_out_errors
 from stepblocks.loop.record import EffectRecord, Estimate, ModelErrors, NoiseFloor, RivalEvidence
 from stepblocks.loop.run import analyse_features, loop_session
 from stepblocks.loop.session_table import build_session_table
-from stepblocks.loop.words import describe_covariate, find_slope_unit, format_value
+from stepblocks.loop.words import describe_covariate, find_slope_factor_and_unit, format_value
 from stepblocks.rig.effects.grammar.compose import list_composed_laws
 from stepblocks.rig.effects.grammar.covariates import CovariateRange
 from stepblocks.rig.effects.named import list_named_laws
@@ -76,12 +76,12 @@ def test_an_error_that_rises_by_chance_says_so_and_no_other():
     unknown = NoiseFloor(math.nan, math.nan)
     before = ModelErrors(0.054, 0.0, 0.06, 0.0, unknown)
     after = ModelErrors(0.056, 0.0, 0.05, 0.0, unknown)
-    shown = format_errors(before, after)
+    shown = format_held_out_errors(before, after)
     # exp(0.054) is 1.0555, exp(0.056) 1.0576: whole per cents, and none where nothing is known
     assert shown == ErrorsInWords(
         before="6 %", after="6 %", before_blocks="6 %", after_blocks="5 %", noise="unknown"
     )
-    shown = format_errors(before, replace(after, ln_energy_rms=0.065))
+    shown = format_held_out_errors(before, replace(after, ln_energy_rms=0.065))
     assert shown.after == "7 % (by chance)"
 
 
@@ -95,10 +95,10 @@ def test_what_is_held_unexplained_says_why(worn):
     result = worn[2]
     (finding,) = result.found.findings
     whole = replace(result.found, verdict=Verdict.UNEXPLAINED, reason="the run is too short")
-    said = write_sentence(whole, result.record)
+    said = format_finding_sentence(whole, result.record)
     assert "unexplained as a whole, as the run is too short" in said
     doubted = replace(finding, verdict=Verdict.UNEXPLAINED, reason="few trials carry it")
-    said = write_sentence(replace(whole, findings=(doubted,)), result.record)
+    said = format_finding_sentence(replace(whole, findings=(doubted,)), result.record)
     assert "riction follows the order of the run, no law claimed: few trials carry it" in said
     # a reason that opens the sentence is not said again with each effect, nor an effect twice
     hint = Hint("stick-slip", "friction", 0.0, "the tip sticks")
@@ -107,7 +107,7 @@ def test_what_is_held_unexplained_says_why(worn):
         result.found, verdict=Verdict.UNEXPLAINED, findings=(stuck, stuck), hints=(hint,)
     )
     effects = [*result.record.effects, *result.record.effects]
-    said = write_sentence(twice, replace(result.record, effects=effects))
+    said = format_finding_sentence(twice, replace(result.record, effects=effects))
     parts = said.split("; ")
     assert parts[:2] == ["The tip sticks", "friction follows the order of the run, no law claimed"]
     assert said.count("friction follows") == 1
@@ -126,7 +126,7 @@ def test_a_rival_is_said_in_words_with_its_figures_and_no_law_by_its_place(worn)
         EffectRecord("", "", "", "", "", parameters, RivalEvidence(1.0, ""))
         for parameters in ({"pivot_share": share}, {}, {})
     ]
-    said = write_sentence(
+    said = format_finding_sentence(
         replace(result.found, verdict=Verdict.AMBIGUOUS, findings=(open_,)),
         replace(result.record, rivals=entries),
     )
@@ -151,7 +151,7 @@ def test_the_channel_in_which_equal_trials_agree_better_than_a_law_is_named(worn
     # the decay differs from pair to pair as before, and a tenth as much between trials of a pair
     left[:, 5] = left[np.array(cells) * 2, 5] + 0.1 * left[:, 5]
     assert judge().verdict is Verdict.UNEXPLAINED
-    said = write_sentence(judge(), result.record)
+    said = format_finding_sentence(judge(), result.record)
     assert "as trials of equal settings agree better than it in decay of the ring" in said
 
 
@@ -174,7 +174,7 @@ def test_a_slope_is_told_per_unit_of_what_it_follows(where, one, other, steps, u
     law = next(law for law in list_composed_laws((where,)) if law.id.startswith("trend_friction"))
     state = SimpleNamespace(friction=1.0, changed=lambda **slots: SimpleNamespace(**slots))
     low, high = law.apply(state, np.array([one, other]), {"slope": 0.4}).friction
-    factor, shown = find_slope_unit(where)
+    factor, shown = find_slope_factor_and_unit(where)
     assert shown == unit
     assert 0.4 * factor * steps == pytest.approx(math.log(high / low))
 

@@ -13,7 +13,7 @@ from oracles.feature_bench import bench_trials, design_columns, noise_free
 from oracles.features_file import features_of
 from stepblocks.lawsearch.findings import Rules, Verdict
 from stepblocks.lawsearch.law import Law
-from stepblocks.loop.run import analyse_features, write_loop
+from stepblocks.loop.run import analyse_features, write_loop_result
 from stepblocks.predict.learned import predict_trials
 from stepblocks.records.model import read_model
 
@@ -59,7 +59,7 @@ def test_nothing_is_missing_where_the_law_is_declared_and_unseen_blocks_are_twic
 
 @pytest.mark.long
 def test_the_model_that_is_written_predicts_by_the_law_without_the_session(declared, tmp_path):
-    write_loop(declared, tmp_path)
+    write_loop_result(declared, tmp_path)
     learned = read_model(tmp_path / "model.json")
     assert learned.known_laws == {"friction": _DECLARED}
     table = pd.DataFrame(_COLUMNS).assign(trial=np.arange(60))

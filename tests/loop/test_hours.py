@@ -16,8 +16,8 @@ from stepblocks.lawsearch.adequacy import ReplicateTest
 from stepblocks.lawsearch.explain import explain
 from stepblocks.lawsearch.findings import Rules, Verdict
 from stepblocks.lawsearch.law import Law, Parameter
-from stepblocks.lawsearch.run_order import bound_jump_place
-from stepblocks.lawsearch.walk import find_level_starts_by_count
+from stepblocks.lawsearch.run_order import compute_jump_place_interval
+from stepblocks.lawsearch.walk import find_level_starts_by_level_count
 from stepblocks.loop.bench_model import SessionModel, list_covariate_ranges
 from stepblocks.loop.compose import _estimate_noise_floor
 from stepblocks.loop.session_table import build_session_table
@@ -81,7 +81,9 @@ def test_a_jump_and_a_drift_of_friction_are_taken_out():
     assert found.extended.values["step_friction_run_order.at_trial"] == pytest.approx(36.5, abs=0.6)
     # of so clear a jump the place is known to the two trials that it lies between
     (finding,) = found.findings
-    assert bound_jump_place(found.problem, found.extended, finding.effect, "at_trial", _RUN) == (
+    assert compute_jump_place_interval(
+        found.problem, found.extended, finding.effect, "at_trial", _RUN
+    ) == (
         36.0,
         37.0,
     )
@@ -147,7 +149,7 @@ def test_levels_are_those_of_the_least_sum_of_squares():
         return sum(float(np.sum((part - part.mean()) ** 2)) for part in parts)
 
     tried = [(one, other) for one in range(6, 9) for other in range(one + 6, 15)]
-    two, three = find_level_starts_by_count(values)
+    two, three = find_level_starts_by_level_count(values)
     assert tuple(three) == min(tried, key=lambda pair: cost(*pair))
     assert len(two) == 1
 
@@ -155,7 +157,7 @@ def test_levels_are_those_of_the_least_sum_of_squares():
 def test_a_label_the_data_had_not_is_taken_for_the_mean_of_all():
     place = next(r for r in _ranges(day=np.array(["a", "b", "c"] * 10)) if r.name == "day")
     np.testing.assert_allclose(
-        place.build_basis(np.array(["a", "b", "c", "d"])),
+        place.build_smooth_columns(np.array(["a", "b", "c", "d"])),
         [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0 / 3.0, 1.0 / 3.0]],
     )
 

@@ -8,7 +8,7 @@ from stepblocks.bench.signal import Trace
 from stepblocks.bench.signal.features import measure_trace
 from stepblocks.rig.effects.gauges import apply_instrument_constants
 from stepblocks.rig.forward import build_bench_design, build_nominal_state
-from stepblocks.rig.state import compute_channels
+from stepblocks.rig.state import compute_shown_channels
 
 LOOPS = 0.02  # b of F + b F^2 on the way up [1/N]
 
@@ -45,7 +45,7 @@ def predict_channels(hysteresis, height, load, speed):
     }
     state = build_nominal_state(build_bench_design(np.array(["a"]), columns, 9810.0), values)
     shown = apply_instrument_constants(state, None, {"rayleigh_per_n": hysteresis})
-    return compute_channels(shown)[0][:6]
+    return compute_shown_channels(shown)[0][:6]
 
 
 @pytest.mark.repeats

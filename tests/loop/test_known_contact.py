@@ -8,7 +8,7 @@ import pytest
 from stepblocks.bench.measure import measure_session
 from stepblocks.bench.session import open_session
 from stepblocks.lawsearch.findings import Rules, Verdict
-from stepblocks.loop.run import analyse_features, write_loop
+from stepblocks.loop.run import analyse_features, write_loop_result
 from stepblocks.records.model import read_model
 from stepblocks.rehearse.run import simulate_session
 
@@ -66,6 +66,6 @@ def test_with_its_law_nothing_is_missing_and_the_model_that_is_written_keeps_it(
     laws = declare(session, _DECLARED)
     found = analyse_features(features, 9810.0, 125e-6, rules=_RULES, laws=laws)
     assert found.verdict is Verdict.NONE
-    write_loop(found, tmp_path)
+    write_loop_result(found, tmp_path)
     learned = read_model(tmp_path / "model.json")
     assert learned.known_laws == laws

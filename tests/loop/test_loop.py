@@ -24,11 +24,11 @@ from stepblocks.declaration.read import load_set
 from stepblocks.errors import PipelineError
 from stepblocks.lawsearch.explain import explain
 from stepblocks.lawsearch.findings import Rules, Verdict
-from stepblocks.lawsearch.identifiability import compare_directions
-from stepblocks.loop.bench_model import SessionModel, list_candidates, list_covariate_ranges
+from stepblocks.lawsearch.identifiability import find_indistinguishable_effects
+from stepblocks.loop.bench_model import SessionModel, list_candidate_laws, list_covariate_ranges
 from stepblocks.loop.experiment import NextExperiment, format_block_stimulus
 from stepblocks.loop.next_block import NextBlock
-from stepblocks.loop.run import loop_session, write_loop
+from stepblocks.loop.run import loop_session, write_loop_result
 from stepblocks.loop.session_table import build_session_table
 from stepblocks.predict.learned import predict_trials
 from stepblocks.records.model import read_model
@@ -41,7 +41,7 @@ _TOOL = Tool(frequency=300.0, decay_time=0.02)
 
 def _named(columns, name):
     table = bench_trials(columns, 0)
-    return next(e for e in list_candidates(table, list_covariate_ranges(table)) if e.id == name)
+    return next(e for e in list_candidate_laws(table, list_covariate_ranges(table)) if e.id == name)
 
 
 @pytest.mark.repeats
@@ -50,7 +50,9 @@ def test_a_bench_without_an_effect_is_left_alone(seed: int) -> None:
     columns = design_columns(45 if seed % 2 else 120, 40 + seed)
     model = SessionModel(_TOOL)
     trials = bench_trials(columns, 40 + seed)
-    found = explain(model, trials, list_candidates(trials, list_covariate_ranges(trials)), _RULES)
+    found = explain(
+        model, trials, list_candidate_laws(trials, list_covariate_ranges(trials)), _RULES
+    )
     assert found.verdict is Verdict.NONE
 
 
@@ -62,7 +64,9 @@ def test_a_rounded_edge_is_found_with_and_without_scans_of_the_heights(scanned: 
         columns, 5, ((_named(columns, "edge_rounding"), {"edge_radius_m": 14e-6}),)
     )
     model = SessionModel(_TOOL, scanned=block_scans(columns, 5) if scanned else None)
-    found = explain(model, trials, list_candidates(trials, list_covariate_ranges(trials)), _RULES)
+    found = explain(
+        model, trials, list_candidate_laws(trials, list_covariate_ranges(trials)), _RULES
+    )
     assert found.verdict is Verdict.EFFECT
     assert [f.effect.id for f in found.findings] == ["edge_rounding"]
     radius, std = (
@@ -124,19 +128,21 @@ def test_a_constant_tilt_is_not_claimed_and_its_group_is_named() -> None:
     columns = design_columns(120, 8)
     tilt = next(
         e
-        for e in list_candidates(bench_trials(columns, 0), (), with_imitated=True)
+        for e in list_candidate_laws(bench_trials(columns, 0), (), include_ruled_out=True)
         if e.id == "block_tilt"
     )
     trials = bench_trials(columns, 8, ((tilt, {"tilt_rad": 0.08}),))
     model = SessionModel(_TOOL, scanned=block_scans(columns, 8))
-    found = explain(model, trials, list_candidates(trials, list_covariate_ranges(trials)), _RULES)
+    found = explain(
+        model, trials, list_candidate_laws(trials, list_covariate_ranges(trials)), _RULES
+    )
     assert found.verdict is Verdict.NONE
     # origin: tan(atan mu + t) takes the place of mu in every force and energy
     expected = math.tan(math.atan(0.16) + 0.08)
     assert found.nominal.values["friction"] == pytest.approx(
         expected, abs=4.0 * found.nominal.std["friction"] + 2e-3
     )
-    named = compare_directions(found.problem, found.nominal, [tilt])
+    named = find_indistinguishable_effects(found.problem, found.nominal, [tilt])
     assert "friction" in named.imitated_by_constants["block_tilt"]
 
 
@@ -189,7 +195,7 @@ def test_documents_hold_finite_numbers_only_and_the_page_opens_offline(worn) -> 
 
 def test_a_second_run_writes_the_same_bytes(worn, tmp_path: Path) -> None:
     _, _, result, folder = worn
-    write_loop(result, tmp_path)
+    write_loop_result(result, tmp_path)
     for name in ("result.json", "model.json", "report.html"):
         assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()
 
@@ -324,7 +330,7 @@ def test_a_poor_session_ends_in_a_verdict_and_claims_no_law(kind: str) -> None:
     found = explain(
         SessionModel(_TOOL),
         trials,
-        list_candidates(trials, list_covariate_ranges(trials)),
+        list_candidate_laws(trials, list_covariate_ranges(trials)),
         Rules(draws=100),
     )
     assert found.verdict is Verdict.NONE
@@ -362,7 +368,9 @@ def test_a_steady_drift_of_friction_is_a_drift_and_not_called_running_in() -> No
     drift = _named(columns, "trend_friction_run_order")
     trials = bench_trials(columns, 8, ((drift, {"slope": 0.15}),))
     model = SessionModel(_TOOL, scanned=block_scans(columns, 8))
-    found = explain(model, trials, list_candidates(trials, list_covariate_ranges(trials)), _RULES)
+    found = explain(
+        model, trials, list_candidate_laws(trials, list_covariate_ranges(trials)), _RULES
+    )
     assert [f.effect.id for f in found.findings] == ["trend_friction_run_order"]
     assert found.verdict is Verdict.EFFECT
     slope, std = (

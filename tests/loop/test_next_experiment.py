@@ -10,14 +10,14 @@ from stepblocks.lawsearch.choice import Rival
 from stepblocks.lawsearch.discrimination import RankedSetting
 from stepblocks.lawsearch.findings import Finding, Verdict
 from stepblocks.lawsearch.fit import fit
-from stepblocks.loop.bench_model import list_candidates, list_covariate_ranges
+from stepblocks.loop.bench_model import list_candidate_laws, list_covariate_ranges
 from stepblocks.loop.experiment import (
     NextBlock,
     NextExperiment,
     format_block_stimulus,
     propose_experiment,
 )
-from stepblocks.loop.settings import build_grid
+from stepblocks.loop.settings import build_setting_grid
 from stepblocks.rig.effects.named import list_named_laws
 from stepblocks.rig.state import CHANNELS
 
@@ -34,7 +34,9 @@ def test_where_nothing_is_open_nothing_is_asked_for(found):
 def test_a_claim_without_a_rival_is_tried_against_nothing(found):
     law = next(
         e
-        for e in list_candidates(found.problem.trials, list_covariate_ranges(found.problem.trials))
+        for e in list_candidate_laws(
+            found.problem.trials, list_covariate_ranges(found.problem.trials)
+        )
         if e.id == "load_dependent_friction"
     )
     claim = replace(found.findings[0], effect=law, rivals=())
@@ -60,7 +62,7 @@ def test_only_what_the_bench_has_done_is_asked_for_and_only_where_the_tip_slips(
     trials = found.problem.trials
     asked = propose_experiment(found).rows
     claims = []
-    for law in list_candidates(trials, list_covariate_ranges(trials)):
+    for law in list_candidate_laws(trials, list_covariate_ranges(trials)):
         if law.id not in ("load_dependent_friction", "edge_rounding", "viscous_drag"):
             continue
         fitted = fit(found.problem, (law,), {})
@@ -91,7 +93,7 @@ def test_what_goes_with_a_rest_is_asked_for_right_after_one_and_at_the_longest_f
     trials = found.problem.trials
     since = np.arange(float(len(trials))) % 31.0
     trials = replace(trials, covariates=trials.covariates | {"trials_since_rest": since})
-    asked = build_grid(trials, ["trials_since_rest"]).covariates["trials_since_rest"]
+    asked = build_setting_grid(trials, ["trials_since_rest"]).covariates["trials_since_rest"]
     assert {0.0, 30.0} < set(asked.tolist()) < set(since.tolist())
 
 
@@ -100,7 +102,7 @@ def test_rivals_are_asked_apart_from_each_other(found):
     trials = found.problem.trials
     law = next(
         e
-        for e in list_candidates(trials, list_covariate_ranges(trials))
+        for e in list_candidate_laws(trials, list_covariate_ranges(trials))
         if e.id == "trend_friction_run_order"
     )
     fitted = fit(found.problem, (law,), found.nominal.values)

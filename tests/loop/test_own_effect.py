@@ -16,7 +16,7 @@ from stepblocks.cli import main
 from stepblocks.compute.processes import run_in_processes
 from stepblocks.errors import ContactError
 from stepblocks.lawsearch.findings import Rules, Verdict
-from stepblocks.loop.run import analyse_features, write_loop
+from stepblocks.loop.run import analyse_features, write_loop_result
 from stepblocks.predict.learned import predict_trials
 from stepblocks.records.model import read_model
 from stepblocks.rig.effects import named, offered
@@ -40,7 +40,7 @@ def offer(monkeypatch):
     def offer(loaded):
         entry = EntryPoint("film", "film:FILM", "stepblocks.effects")
         monkeypatch.setattr(EntryPoint, "load", lambda self: loaded)
-        monkeypatch.setattr(offered, "find_entry_points", lambda group: EntryPoints([entry]))
+        monkeypatch.setattr(offered, "find_cached_entry_points", lambda group: EntryPoints([entry]))
 
     return offer
 
@@ -54,7 +54,7 @@ def test_an_effect_of_a_package_is_found_written_read_and_predicts(offer, tmp_pa
     assert result.verdict is Verdict.EFFECT
     assert [law.id for law in result.model.extended.laws] == ["film_valley"]
     assert result.model.extended.values["film_valley.rise"] == pytest.approx(0.5, abs=0.1)
-    write_loop(result, tmp_path)
+    write_loop_result(result, tmp_path)
     again = read_model(tmp_path / "model.json")
     table = features[["trial", "block", "height_um", "load_n", "speed_mm_s"]]
     predicted = predict_trials(table, again)
@@ -118,7 +118,9 @@ def test_a_model_with_a_law_of_a_file_is_read_where_the_file_is_given(my_laws, t
     trials = bench_trials(design_columns(60, 3), 3, ((FILM, {"rise": 0.5}),))
     features = features_of(trials)
     sb.offer_laws(my_laws)
-    write_loop(analyse_features(features, 9810.0, 125e-6, rules=Rules(draws=100, fits=4)), tmp_path)
+    write_loop_result(
+        analyse_features(features, 9810.0, 125e-6, rules=Rules(draws=100, fits=4)), tmp_path
+    )
     table = features[["trial", "block", "height_um", "load_n", "speed_mm_s"]]
     table.to_csv(tmp_path / "trials.csv", index=False)
     asked = ["predict", tmp_path / "trials.csv", "--model", tmp_path / "model.json", "-o"]

@@ -16,9 +16,9 @@ from stepblocks.loop.channels import CHANNELS_IN_WORDS
 from stepblocks.loop.page import (
     Abscissa,
     average_by_setting,
-    choose_covariate,
+    choose_plotted_covariate,
+    compute_abscissa,
     compute_effect_change,
-    find_abscissa,
     render_loop_page,
 )
 from stepblocks.loop.record import Estimate
@@ -195,7 +195,7 @@ def test_the_curve_is_the_change_that_the_law_makes(result):
     shown = compute_effect_change(found, effect)
     change, std = shown.change, shown.std
     assert found.problem.trials.channels[shown.channel] in ("ln_energy", "ln_peak_force")
-    assert choose_covariate(result, effect) == "run_order"
+    assert choose_plotted_covariate(result, effect) == "run_order"
     along = result.table.trials.covariates["run_order"]
     # friction that has run in raises no force any more: the change falls along the run, and doubt
     # with it
@@ -209,15 +209,15 @@ def test_an_effect_that_follows_nothing_is_drawn_over_the_height(result):
     from stepblocks.rig.effects.named import list_named_laws
 
     laws = {law.id: law for law in list_named_laws()}
-    assert choose_covariate(result, laws["edge_rounding"]) == "height_um"
-    assert choose_covariate(result, laws["hardening_spring"]) == "peak_force_n"
+    assert choose_plotted_covariate(result, laws["edge_rounding"]) == "height_um"
+    assert choose_plotted_covariate(result, laws["hardening_spring"]) == "peak_force_n"
 
 
 def test_an_effect_of_a_label_is_drawn_as_points_under_its_labels(result, monkeypatch):
     drawn = []
     monkeypatch.setattr(page, "_draw_as_data_url", lambda figure: drawn.append(figure) or "")
-    monkeypatch.setattr(page, "choose_covariate", lambda *_: "operator")
-    page._draw_effect(result, result.found.findings[0].effect, "it")
+    monkeypatch.setattr(page, "choose_plotted_covariate", lambda *_: "operator")
+    page._draw_effect_curve(result, result.found.findings[0].effect, "it")
     (axis,) = drawn[0].axes
     assert [one.get_text() for one in axis.get_xticklabels()] == ["A", "B"]
     assert axis.lines[0].get_linestyle() == "None"
@@ -237,9 +237,9 @@ def test_few_settings_are_averaged_one_by_one_and_many_in_groups_of_equal_size()
 
 
 def test_labels_are_drawn_in_a_row_and_numbers_where_they_are():
-    labels = find_abscissa(np.array(["B", "A", "B"]))
+    labels = compute_abscissa(np.array(["B", "A", "B"]))
     assert (labels.places.tolist(), labels.ticks) == ([1.0, 0.0, 1.0], {0: "A", 1: "B"})
-    assert find_abscissa(np.array([3, 1])) == Abscissa(pytest.approx(np.array([3.0, 1.0])), {})
+    assert compute_abscissa(np.array([3, 1])) == Abscissa(pytest.approx(np.array([3.0, 1.0])), {})
 
 
 @pytest.mark.parametrize(
@@ -252,7 +252,7 @@ def test_labels_are_drawn_in_a_row_and_numbers_where_they_are():
 )
 def test_labels_under_a_figure_do_not_overlap(labels):
     figure, (axis, *_) = make_figure_and_axes(1, 3, width=11.0, height=2.6)
-    abscissa = find_abscissa(np.array(labels))
+    abscissa = compute_abscissa(np.array(labels))
     places, written = abscissa.places, abscissa.ticks
     axis.plot(places, 0.0 * places, ".")
     axis.set_xticks(list(written), list(written.values()))

@@ -11,7 +11,7 @@ from oracles.features_file import features_of
 from stepblocks.cli import main
 from stepblocks.errors import PipelineError
 from stepblocks.lawsearch.findings import Rules
-from stepblocks.loop.record_choice import choose_records, describe_choice
+from stepblocks.loop.record_choice import compare_features_with_records, describe_record_choice
 from stepblocks.loop.run import analyse_features, loop_session
 from stepblocks.loop.session_table import build_session_table
 from stepblocks.rehearse.run import simulate_session
@@ -52,7 +52,9 @@ def sharp():
 
 
 def choose(result, records):
-    return choose_records(result, build_session_table(records, _SPRING, _RADIUS), seed=0)
+    return compare_features_with_records(
+        result, build_session_table(records, _SPRING, _RADIUS), seed=0
+    )
 
 
 @pytest.mark.long
@@ -64,7 +66,7 @@ def test_values_that_scatter_less_about_the_model_stand_whichever_they_are(sharp
     # peak forces scatter by 1 % about the model, energies by 8 %
     assert choice.ln_peak_force.p_better < 0.005
     assert choice.ln_energy.whole_records_rms < choice.ln_energy.features_rms
-    assert "values of the whole records are used" in describe_choice(choice)
+    assert "values of the whole records are used" in describe_record_choice(choice)
     # the noise that was added is most of the error: root of the sum of squares
     added = np.sqrt(
         choice.ln_peak_force.features_rms**2 - choice.ln_peak_force.whole_records_rms**2
@@ -73,7 +75,7 @@ def test_values_that_scatter_less_about_the_model_stand_whichever_they_are(sharp
     choice = choose(result, noisy)
     assert not choice.whole_records_stand
     assert choice.ln_peak_force.p_worse < 0.005
-    assert "the features are used" in describe_choice(choice)
+    assert "the features are used" in describe_record_choice(choice)
 
 
 @pytest.mark.long

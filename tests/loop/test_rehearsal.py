@@ -10,7 +10,7 @@ import pytest
 from stepblocks.cli import main
 from stepblocks.loop import rehearsal
 from stepblocks.loop.run import loop_session
-from stepblocks.rehearse.plan import read_plan
+from stepblocks.rehearse.plan import read_session_plan
 from stepblocks.rehearse.run import simulate_session
 
 PLAN = """schema = 1
@@ -132,9 +132,9 @@ def test_workers_of_a_cluster_rehearse_as_this_process_does(plan):
     """Each rehearsal has a seed of its own: where it runs cannot show."""
     from distributed import Client, LocalCluster
 
-    design = read_plan(plan).design
+    design = read_session_plan(plan).design
     short = design.model_copy(update={"speeds": design.speeds[:1], "repeats": 2, "days": 1})
-    declared = read_plan(plan).model_copy(update={"design": short})
+    declared = read_session_plan(plan).model_copy(update={"design": short})
     here = rehearsal.rehearse_session(declared, 1, lambda *_: None, jobs=1)
     with (
         LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster,

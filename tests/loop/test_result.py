@@ -118,10 +118,10 @@ def test_the_mean_edge_weighs_each_scan_by_its_certainty(result):
 @pytest.mark.long
 def test_forces_and_scans_speak_of_the_same_edge():
     columns = design_columns(60, 5)
-    from stepblocks.loop.bench_model import list_candidates
+    from stepblocks.loop.bench_model import list_candidate_laws
 
     rounding = next(
-        e for e in list_candidates(bench_trials(columns, 0), ()) if e.id == "edge_rounding"
+        e for e in list_candidate_laws(bench_trials(columns, 0), ()) if e.id == "edge_rounding"
     )
     features = features_of(bench_trials(columns, 5, ((rounding, {"edge_radius_m": 14e-6}),)))
     scans = {b: {"height_m": h, "height_std_m": s} for b, (h, s) in block_scans(columns, 5).items()}

@@ -16,12 +16,12 @@ from oracles.features_file import features_of
 from stepblocks.errors import PipelineError
 from stepblocks.lawsearch.findings import Rules
 from stepblocks.lawsearch.fit import build_problem, fit
-from stepblocks.loop.run import write_loop
+from stepblocks.loop.run import write_loop_result
 from stepblocks.loop.session_table import build_session_table
 from stepblocks.loop.several import (
-    _pool_by_nature,
+    _pool_on_natural_scale,
     describe_day_differences,
-    explain_together,
+    explain_sessions_together,
     join_tables,
     loop_sessions,
     pool_parameter,
@@ -149,10 +149,10 @@ def test_a_zero_that_one_day_knows_is_taken_off_that_day_alone():
 @pytest.mark.long
 def test_a_model_of_several_sessions_is_read_back_and_holds_their_mean(tmp_path):
     _, tables, scans = measure_days((0.14, 0.16, 0.18), count=32)
-    together, shared = explain_together(tables, scans, rules=Rules(draws=120, fits=2))
+    together, shared = explain_sessions_together(tables, scans, rules=Rules(draws=120, fits=2))
     assert [finding.effect.id for finding in together.found.findings] == ["edge_rounding"]
     assert together.document["trials_analysed"] == 96
-    write_loop(together, tmp_path)
+    write_loop_result(together, tmp_path)
     learned = read_model(tmp_path / "model.json")
     assert learned.extended.values["friction"] == shared["friction"].mean
     assert learned.extended.values["friction"] == pytest.approx(0.16, abs=3e-3)
@@ -196,7 +196,7 @@ def test_sessions_of_unlike_springs_are_refused_before_anything_is_measured(tmp_
 
 def test_a_change_between_two_days_is_said_and_the_next_friction_stays_positive():
     values = {"monday": 0.150, "tuesday": 0.170}
-    pooled = _pool_by_nature("friction", "1", values, 0.001**2 * np.eye(2))
+    pooled = _pool_on_natural_scale("friction", "1", values, 0.001**2 * np.eye(2))
     # origin: ln(0.170 / 0.150) is 0.125, 13 standard uncertainties of such a difference
     assert pooled.equal_p_value < 1e-6
     assert 0.0 < pooled.next.low < 0.150 < 0.170 < pooled.next.high
@@ -204,7 +204,7 @@ def test_a_change_between_two_days_is_said_and_the_next_friction_stays_positive(
     assert sentence.startswith(
         "friction differs between the sessions: 0.15 in monday and 0.17 in tuesday"
     )
-    alike = _pool_by_nature(
+    alike = _pool_on_natural_scale(
         "friction", "1", {"monday": 0.150, "tuesday": 0.151}, 0.001**2 * np.eye(2)
     )
     assert describe_day_differences({"friction": alike}) == []

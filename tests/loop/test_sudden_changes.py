@@ -12,7 +12,7 @@ from stepblocks.contact.operating_point import Tool
 from stepblocks.lawsearch.explain import explain
 from stepblocks.lawsearch.findings import Rules, Verdict
 from stepblocks.lawsearch.law import Law, Parameter
-from stepblocks.loop.bench_model import SessionModel, list_candidates, list_covariate_ranges
+from stepblocks.loop.bench_model import SessionModel, list_candidate_laws, list_covariate_ranges
 from stepblocks.rig.effects.grammar.slots import SLOT_MOVES
 
 _SIZE = 0.05  # of a change of the logarithm
@@ -25,7 +25,7 @@ def _search(columns, seed, slot, size):
     planted = Law("planted", "as written", on, lambda state, *_: move.change(state, size), slot)
     trials = bench_trials(columns, seed, ((planted, {"on": 1.0}),))
     model = SessionModel(Tool(frequency=300.0, decay_time=0.02), scanned=block_scans(columns, seed))
-    candidates = list_candidates(trials, list_covariate_ranges(trials))
+    candidates = list_candidate_laws(trials, list_covariate_ranges(trials))
     found = explain(model, trials, candidates, Rules(draws=100))
     return found, [finding.effect.id for finding in found.findings]
 

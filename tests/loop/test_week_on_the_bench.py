@@ -18,7 +18,7 @@ from stepblocks.lawsearch.explain import explain
 from stepblocks.lawsearch.findings import Rules, Verdict
 from stepblocks.lawsearch.law import Law, Parameter
 from stepblocks.loop.bench_model import SessionModel
-from stepblocks.loop.compose import _list_apart_trials, _list_censored
+from stepblocks.loop.compose import _list_apart_trials, _list_censored_trials
 from stepblocks.loop.session_table import build_session_table
 from stepblocks.rig.effects.named import list_named_laws
 
@@ -223,4 +223,4 @@ def test_trials_that_went_wrong_are_held_apart_each_with_what_it_looks_like():
         assert shown.looks_like.startswith(said)
         assert shown.chance > 0.5
     # a gauge at its rail has seen a bound
-    assert _list_censored(table, found).trials == [str(bound + 1)]
+    assert _list_censored_trials(table, found).trials == [str(bound + 1)]

@@ -15,8 +15,8 @@ from stepblocks.contact.operating_point import Tool
 from stepblocks.lawsearch.forward_model import Trials
 from stepblocks.lawsearch.law import Active
 from stepblocks.loop.bench_model import SessionModel
-from stepblocks.rig.forward import name_height_error
-from stepblocks.rig.state import CHANNELS, compute_channels
+from stepblocks.rig.forward import make_height_error_name
+from stepblocks.rig.state import CHANNELS, compute_shown_channels
 
 __all__ = [
     "BenchScatter",
@@ -162,7 +162,7 @@ def bench_trials(
         sensed_offset=state.sensed_offset + (stray - 1.0) * state.set_load,
         conversion=state.conversion * np.exp(generator.normal(0.0, scatter.energy, n)),
     )
-    exact = compute_channels(state)
+    exact = compute_shown_channels(state)
     amplitude = np.sqrt(2.0 * 9810.0 * np.exp(exact[:, 0]))
     force = np.exp(exact[:, 1])
     load = columns["load_n"]
@@ -179,7 +179,7 @@ def bench_trials(
         axis=1,
     )
     values_seen = exact + std * generator.standard_normal((n, 7))
-    values_seen[(force > 5.0) | state.find_locked()] = np.nan
+    values_seen[(force > 5.0) | state.mark_locked_trials()] = np.nan
     rows = np.asarray(np.isfinite(values_seen).any(axis=1))
     return Trials(empty.covariates, CHANNELS, values_seen, std, columns["block"]).take(rows)
 
@@ -212,5 +212,7 @@ def _bench(
         "ln_ring_frequency": float(np.log(300.0)),
         "ln_decay_time": float(np.log(0.02)),
     } | dict(truth or {})
-    values |= {name_height_error(b): e for b, e in block_errors(columns, seed, height_std).items()}
+    values |= {
+        make_height_error_name(b): e for b, e in block_errors(columns, seed, height_std).items()
+    }
     return empty, SessionModel(Tool(frequency=300.0, decay_time=0.02)), values

@@ -4,7 +4,7 @@ import json
 import math
 
 from oracles.learned import make_learned_model
-from stepblocks.loop.record import format_document
+from stepblocks.loop.record import format_json_document
 from stepblocks.loop.session_table import read_trial_table
 from stepblocks.predict.learned import predict_trials
 from stepblocks.records.model import build_model_document
@@ -60,7 +60,7 @@ def write_explained_session(folder):
     output = folder / "out" / "b1-loop"
     output.mkdir(parents=True)
     model = make_learned_model({"running_in": {"excess": 0.6, "settling_trials": 30.0}}, 0.01)
-    (output / "model.json").write_text(format_document(build_model_document(model)))
+    (output / "model.json").write_text(format_json_document(build_model_document(model)))
     (output / "result.json").write_text(json.dumps(RESULT))
     table = read_trial_table(folder / "bench" / "b1")
     features = table[["trial", "block"]].copy()

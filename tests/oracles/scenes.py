@@ -3,7 +3,7 @@
 As tests and benchmarks ask for them.
 """
 
-from stepblocks.contact.path.centre import build_envelope_path, find_outline
+from stepblocks.contact.path.centre import build_envelope_path, build_outline
 from stepblocks.simulators.assemble import build_scene, resolve_contact
 
 
@@ -14,4 +14,4 @@ def assemble_scene(stimulus, point, *, device=None, scale=None, **options):
 
 def corner_path(points, ball_radius):
     """The path of a ball's centre over a profile of shape (n, 2) [m]."""
-    return build_envelope_path(*find_outline(points), ball_radius)
+    return build_envelope_path(*build_outline(points), ball_radius)

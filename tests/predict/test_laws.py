@@ -12,7 +12,7 @@ from stepblocks.contact.critical_angle import find_step_angle
 from stepblocks.contact.energy import find_release
 from stepblocks.contact.laws import FrictionLaw, LinearContact, Stribeck, build_laws
 from stepblocks.declaration.read import load_set
-from stepblocks.drag.kernels.friction import move_tangential_spring
+from stepblocks.drag.kernels.friction import compute_moved_spring_grip
 from stepblocks.errors import QuantityError, StepblocksError
 from stepblocks.predict.predictions import predict_by_formula
 
@@ -203,7 +203,7 @@ def test_bristles_bend_as_dahls_law():
     stiffness, most, step = 1.3e6, 0.17, 2e-11
     bend, force = 0.0, []
     for _ in range(40_000):
-        one, bend = move_tangential_spring(
+        one, bend = compute_moved_spring_grip(
             bend, step, 0.0, most, stiffness, 1 / stiffness, 0.0, True
         )
         force.append(one)
@@ -211,7 +211,7 @@ def test_bristles_bend_as_dahls_law():
     expected = most * (1.0 - np.exp(-stiffness * x / most))
     assert np.abs(np.array(force) - expected).max() < 1e-4 * most
     assert force[-1] == pytest.approx(most, rel=0.01)
-    back, _ = move_tangential_spring(bend, -1.0, 0.0, most, stiffness, 1 / stiffness, 0.0, True)
+    back, _ = compute_moved_spring_grip(bend, -1.0, 0.0, most, stiffness, 1 / stiffness, 0.0, True)
     assert back == pytest.approx(-most, rel=1e-5)
 
 
@@ -246,5 +246,5 @@ def test_bristles_slide_by_stribecks_curve_and_start_by_their_stiffness():
     mu = 0.1 + 0.1 * math.exp(-10.0) + 2.0 * 10e-3
     assert len(before) > 100
     assert (before.friction_n / before.normal_n).mean() == pytest.approx(mu, rel=1e-3)
-    force, _ = move_tangential_spring(0.0, 1e-13, 0.0, mu * 0.7, 1e6, 1e-6, 0.0, True)
+    force, _ = compute_moved_spring_grip(0.0, 1e-13, 0.0, mu * 0.7, 1e6, 1e-6, 0.0, True)
     assert force / 1e-13 == pytest.approx(1e6, rel=1e-5)

@@ -10,7 +10,7 @@ from stepblocks.contact.counterface import Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.path.profile import build_profile_path, find_steepest_catch
-from stepblocks.contact.uncertainty import convert_half_widths, estimate_interval
+from stepblocks.contact.uncertainty import convert_half_widths_to_stds, estimate_interval
 from stepblocks.parts.kinds.margin import MarginBlock
 from stepblocks.predict.predictions import predict_by_formula
 
@@ -76,7 +76,7 @@ def test_the_interval_of_a_prediction_is_that_of_its_stated_tolerances():
         if (p.stimulus, p.point.normal_load, p.point.friction) == ("step-050", 0.5, 0.15)
     ]
     lengths = {"height": 1e-6, "edge_radius": 1e-6, "ball_radius": 2e-6}
-    spread = convert_half_widths(
+    spread = convert_half_widths_to_stds(
         lengths | {"friction": 0.01, "normal_load": 0.005, "stiffness": 0.02 * 9810.0}
     )
     assert p.interval == estimate_interval(

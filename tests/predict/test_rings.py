@@ -42,7 +42,9 @@ def test_under_a_sheath_the_drag_rings_as_the_probe_in_it():
     probe = build_probe(SHEATHS.predict_ring(part).as_tool(), one.point.ball_radius)
     settings = DragSettings(one.point.normal_load, one.point.friction, speed=5e-3)
     trace = simulate_drag(build_track(one.face, one.point.ball_radius), probe, settings)
-    assert one.in_time.share == pytest.approx(measure_ring(trace, spectra=False).share, rel=1e-12)
+    assert one.in_time.share == pytest.approx(
+        measure_ring(trace, with_spectra=False).share, rel=1e-12
+    )
     assert one.in_time.peak_force == trace.peak_force
 
 

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.errors import PipelineError
 from stepblocks.rehearse.effects import PlantedEffect
-from stepblocks.rehearse.plan import name_block, read_plan
+from stepblocks.rehearse.plan import format_block_name, read_session_plan
 
 PLAN = """schema = 1
 seed = 4
@@ -26,7 +26,7 @@ speeds = ["2 mm/s", "5 mm/s"]
 def plan(tmp_path, text=""):
     path = tmp_path / "plan.toml"
     path.write_text(PLAN + text)
-    return read_plan(path)
+    return read_session_plan(path)
 
 
 def effect(**fields):
@@ -85,7 +85,7 @@ def test_the_order_is_free_of_trends_in_the_conditions(tmp_path):
     [(5e-6, "step-005"), (30e-6, "step-030"), (12.5e-6, "step-012.5"), (0.5e-6, "step-000.5")],
 )
 def test_a_block_is_named_by_its_height(height, name):
-    assert name_block(height) == name
+    assert format_block_name(height) == name
 
 
 # Origin: the forms as docs/explanation/features.md and the field's comments write them.
@@ -105,18 +105,20 @@ def test_a_block_is_named_by_its_height(height, name):
 )
 def test_a_form_adds_its_change_or_multiplies_by_one_and_its_change(fields, change):
     conditions = {"c": "5"}
-    added = effect(covariate="c", **fields).apply(0.2, conditions)
+    added = effect(covariate="c", **fields).compute_changed_value(0.2, conditions)
     assert added == pytest.approx(0.2 + change, rel=1e-12)
-    multiplied = effect(covariate="c", change="multiply", **fields).apply(0.2, conditions)
+    multiplied = effect(covariate="c", change="multiply", **fields).compute_changed_value(
+        0.2, conditions
+    )
     factor = change if fields["form"] == "power" else 1.0 + change
     assert multiplied == pytest.approx(0.2 * factor, rel=1e-12)
 
 
 @pytest.mark.parametrize("form", ["linear", "exponential"])
 def test_at_its_reference_a_linear_form_vanishes_and_an_exponential_one_is_whole(form):
-    found = effect(form=form, covariate="c", size=0.3, reference=7.0, span=3.0).apply(
-        0.0, {"c": 7.0}
-    )
+    found = effect(
+        form=form, covariate="c", size=0.3, reference=7.0, span=3.0
+    ).compute_changed_value(0.0, {"c": 7.0})
     assert found == {"linear": 0.0, "exponential": 0.3}[form]
 
 
@@ -174,7 +176,7 @@ def test_where_the_drag_in_time_rings_its_conversion_cannot_be_planted(tmp_path)
     with pytest.raises(
         PipelineError, match="must not be conversion where the drag in time decides what rings"
     ):
-        read_plan(path)
+        read_session_plan(path)
 
 
 @pytest.mark.parametrize(
@@ -185,4 +187,4 @@ def test_a_plan_that_is_no_file_or_no_toml_is_said_to_be_none(content, message, 
     if content is not None:
         path.write_bytes(content)
     with pytest.raises(PipelineError, match=message):
-        read_plan(path)
+        read_session_plan(path)

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from stepblocks.errors import PipelineError
-from stepblocks.rehearse.plan import SessionPlan, name_block
+from stepblocks.rehearse.plan import SessionPlan, format_block_name
 from stepblocks.rehearse.truth import (
     build_drag_inputs,
     build_rig,
     compute_planted_state,
-    compute_truth,
+    compute_truth_by_equations,
 )
 
 HEIGHT, LOAD, SPEED = 40e-6, 0.7, 4e-3
@@ -26,7 +26,7 @@ MODEL = {
     "spring_constant": "7.7 N/mm",
 }
 ROW = {
-    "block": name_block(HEIGHT),
+    "block": format_block_name(HEIGHT),
     "height_um": "40",
     "load_n": str(LOAD),
     "speed_mm_s": "4",
@@ -59,7 +59,7 @@ def force(height=HEIGHT, load=LOAD, mu=0.21, radius=140e-6):
 
 def test_without_effects_and_scatter_a_trial_is_what_the_paper_says():
     declared = plan()
-    truth = compute_truth(declared, state(declared))
+    truth = compute_truth_by_equations(declared, state(declared))
     assert truth.peak_force == pytest.approx(force(), rel=1e-9)
     assert truth.sliding_force == pytest.approx(0.21 * LOAD, rel=1e-9)
     assert truth.load == pytest.approx(LOAD, rel=1e-12)
@@ -71,7 +71,7 @@ def test_without_effects_and_scatter_a_trial_is_what_the_paper_says():
 
 def test_a_blocks_own_height_counts_and_not_its_nominal_one():
     declared = plan()
-    truth = compute_truth(declared, state(declared, height=41.5e-6))
+    truth = compute_truth_by_equations(declared, state(declared, height=41.5e-6))
     assert truth.peak_force == pytest.approx(force(height=41.5e-6), rel=1e-9)
 
 
@@ -103,12 +103,14 @@ def test_a_blocks_own_height_counts_and_not_its_nominal_one():
 )
 def test_an_effect_changes_its_slot_and_the_peak_follows_the_equations(effect, expected):
     declared = plan(effect)
-    assert compute_truth(declared, state(declared)).peak_force == pytest.approx(expected, rel=1e-9)
+    assert compute_truth_by_equations(declared, state(declared)).peak_force == pytest.approx(
+        expected, rel=1e-9
+    )
 
 
 def test_a_conversion_moves_the_ring_and_not_the_peak():
     declared = plan({"slot": "conversion", "change": "multiply", "size": 3.0})
-    truth = compute_truth(declared, state(declared))
+    truth = compute_truth_by_equations(declared, state(declared))
     assert truth.peak_force == pytest.approx(force(), rel=1e-9)
     assert truth.amplitude == pytest.approx(math.sqrt(4.0 * 0.31) * force(), rel=1e-9)
 
@@ -117,7 +119,9 @@ def test_the_gauges_gain_is_no_part_of_the_truth():
     declared = plan({"slot": "sensor", "change": "multiply", "size": 0.5})
     found = state(declared)
     assert found.gain[0] == pytest.approx(1.5)
-    assert compute_truth(declared, found).peak_force == pytest.approx(force(), rel=1e-9)
+    assert compute_truth_by_equations(declared, found).peak_force == pytest.approx(
+        force(), rel=1e-9
+    )
 
 
 def test_scatter_is_that_of_the_plan():
@@ -142,14 +146,14 @@ def test_a_trial_beyond_the_locking_height_gives_no_record():
 
 def test_a_tip_that_rubs_turns_with_twice_its_friction():
     declared = plan(model=MODEL | {"ring": "rubbing"})
-    assert compute_truth(declared, state(declared)).gap == pytest.approx(
+    assert compute_truth_by_equations(declared, state(declared)).gap == pytest.approx(
         2.0 * 0.21 * LOAD, rel=1e-12
     )
 
 
 def test_a_step_that_hardly_catches_gives_no_record():
     declared = plan()
-    assert compute_truth(declared, state(declared, height=1e-10)) is None
+    assert compute_truth_by_equations(declared, state(declared, height=1e-10)) is None
 
 
 def test_the_rig_has_the_corner_of_the_slower_of_gauge_and_declaration():

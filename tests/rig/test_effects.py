@@ -17,7 +17,7 @@ from stepblocks.rig.forward import (
     BenchDesign,
     build_nominal_state,
 )
-from stepblocks.rig.state import CHANNELS, DragState, compute_channels
+from stepblocks.rig.state import CHANNELS, DragState, compute_shown_channels
 
 _ENERGY, _FORCE, _FRICTION, _SPRING, _RING, _DECAY, _LOAD = range(7)
 _RANGES = (
@@ -68,9 +68,9 @@ def _all_laws() -> tuple[Law, ...]:
 def _changed(law: Law, **values: float) -> np.ndarray:
     state = _state()
     neutral = {p.name: p.start for p in law.parameters} | dict(law.shapes[0])
-    return compute_channels(
+    return compute_shown_channels(
         law.apply(state, _covariate(law, state), neutral | values)
-    ) - compute_channels(state)
+    ) - compute_shown_channels(state)
 
 
 @pytest.mark.parametrize("law", _all_laws(), ids=lambda law: law.id)
@@ -115,7 +115,7 @@ def test_identifiers_are_unique() -> None:
 
 
 def test_the_nominal_channels_are_equations_one_and_two() -> None:
-    shown = compute_channels(_state())
+    shown = compute_shown_channels(_state())
     design = _design()
     for i in range(len(design.block)):
         angle = find_step_angle(float(design.height[i]), 120e-6)
@@ -132,11 +132,11 @@ def _law(name: str) -> Law:
 
 
 def test_tilt_is_friction_tan_of_atan_mu_plus_tilt() -> None:
-    tilted = compute_channels(_law("block_tilt").apply(_state(), None, {"tilt_rad": 0.03}))
+    tilted = compute_shown_channels(_law("block_tilt").apply(_state(), None, {"tilt_rad": 0.03}))
     other = build_nominal_state(
         _design(), CONSTANTS | {"friction": math.tan(math.atan(0.17) + 0.03)}
     )
-    assert np.allclose(tilted, compute_channels(other), atol=1e-12)
+    assert np.allclose(tilted, compute_shown_channels(other), atol=1e-12)
 
 
 def test_friction_by_speed_over_load_is_its_formula() -> None:
@@ -145,10 +145,10 @@ def test_friction_by_speed_over_load_is_its_formula() -> None:
     ratio = state.speed[1] / state.set_load[1]
     values = {"excess": 0.8, "number": 7e-3}
     law = _law("hersey_friction")
-    shown = compute_channels(law.apply(state, _covariate(law, state), values))
+    shown = compute_shown_channels(law.apply(state, _covariate(law, state), values))
     assert shown[1, _FRICTION] == pytest.approx(0.17 * (1.0 + 0.8 * math.exp(-ratio / 7e-3)))
     power = _law("hersey_friction~power")
-    shown = compute_channels(power.apply(state, _covariate(power, state), {"exponent": 0.2}))
+    shown = compute_shown_channels(power.apply(state, _covariate(power, state), {"exponent": 0.2}))
     assert shown[1, _FRICTION] == pytest.approx(0.17 * (ratio / 0.01) ** -0.2)
 
 
@@ -157,7 +157,9 @@ def test_a_spring_that_softens_rings_lower_and_keeps_the_energy_that_is_read() -
     law, state = _law("softening_spring"), _state()
     celsius = np.full(24, 25.0)
     values = {"softening_per_k": 0.02, "damping_power": 0.5}
-    moved = compute_channels(law.apply(state, celsius, values)) - compute_channels(state)
+    moved = compute_shown_channels(law.apply(state, celsius, values)) - compute_shown_channels(
+        state
+    )
     left = 1.0 - 3.0 * 0.02
     assert moved[:, _ENERGY] == pytest.approx(np.zeros(24), abs=1e-12)
     assert moved[:, _SPRING] == pytest.approx(np.full(24, 1.05 * (left - 1.0)))
@@ -169,10 +171,12 @@ def test_a_spring_that_softens_rings_lower_and_keeps_the_energy_that_is_read() -
 def test_edge_and_tip_add_to_one_radius() -> None:
     edge = _law("edge_rounding").apply(_state(), None, {"edge_radius_m": 14e-6})
     tip = _law("tip_radius_error").apply(_state(), None, {"radius_error_m": 14e-6})
-    assert np.array_equal(compute_channels(edge), compute_channels(tip))
+    assert np.array_equal(compute_shown_channels(edge), compute_shown_channels(tip))
     angle = find_step_angle(50e-6, 120e-6, 14e-6)
     one = find_release(angle, float(edge.set_load[1]), 0.17)
-    assert compute_channels(edge)[1, _FORCE] == pytest.approx(math.log(one.pull_force), abs=1e-12)
+    assert compute_shown_channels(edge)[1, _FORCE] == pytest.approx(
+        math.log(one.pull_force), abs=1e-12
+    )
 
 
 @pytest.mark.parametrize(
@@ -212,7 +216,7 @@ def test_a_contact_that_gives_way_takes_what_the_edge_bears_and_not_the_weight(
 
 def test_floor_and_edge_give_way_in_series_with_the_spring() -> None:
     state, depth = _state(), 0.6e-6
-    shown = compute_channels(
+    shown = compute_shown_channels(
         _law("elastic_indentation~linear").apply(state, state.set_load, {"depth_at_1n_m": depth})
     )
     for n, (height, radius) in enumerate(
@@ -229,11 +233,13 @@ def test_floor_and_edge_give_way_in_series_with_the_spring() -> None:
 
 
 def test_gain_squared_conversion_and_stiffness_act_on_energy_as_one_product() -> None:
-    gain = compute_channels(_law("sensor_gain").apply(_state(), None, {"ln_gain": 0.1}))[:, _ENERGY]
-    conversion = compute_channels(
+    gain = compute_shown_channels(_law("sensor_gain").apply(_state(), None, {"ln_gain": 0.1}))[
+        :, _ENERGY
+    ]
+    conversion = compute_shown_channels(
         build_nominal_state(_design(), CONSTANTS | {"ln_conversion": math.log(0.23) + 0.2})
     )[:, _ENERGY]
-    stiffness = compute_channels(
+    stiffness = compute_shown_channels(
         build_nominal_state(_design(), CONSTANTS | {"stiffness_ratio": 1.05 * math.exp(-0.2)})
     )[:, _ENERGY]
     assert gain == pytest.approx(conversion, abs=1e-12)
@@ -266,21 +272,21 @@ def test_hardening_stores_the_integral_of_its_own_force() -> None:
     ]
     size = np.array([float(r[(np.abs(r.imag) < 1e-9) & (r.real > 0)].real[0]) for r in swing])
     shown = (level * size + 0.2 * size**3) ** 2 / 2.0 / 9500.0
-    assert np.exp(compute_channels(state)[:, _ENERGY]) == pytest.approx(shown, rel=1e-6)
+    assert np.exp(compute_shown_channels(state)[:, _ENERGY]) == pytest.approx(shown, rel=1e-6)
 
 
 def test_zeros_and_cross_talk_enter_no_energy_and_move_the_readings_by_themselves() -> None:
-    nominal = compute_channels(_state())
+    nominal = compute_shown_channels(_state())
     shown = np.exp(nominal[:, _FORCE])
-    zero = compute_channels(_law("tangential_zero").apply(_state(), None, {"zero_n": 0.02}))
-    cross = compute_channels(_law("cross_talk").apply(_state(), None, {"cross_talk": 0.03}))
+    zero = compute_shown_channels(_law("tangential_zero").apply(_state(), None, {"zero_n": 0.02}))
+    cross = compute_shown_channels(_law("cross_talk").apply(_state(), None, {"cross_talk": 0.03}))
     for moved, added in ((zero, 0.02), (cross, 0.03 * _state().set_load)):
         assert moved[:, _ENERGY] == pytest.approx(nominal[:, _ENERGY], abs=1e-12)
         assert np.exp(moved[:, _FORCE]) - shown == pytest.approx(added)
         assert moved[:, _FRICTION] - nominal[:, _FRICTION] == pytest.approx(
             added / _state().set_load
         )
-    gain = compute_channels(
+    gain = compute_shown_channels(
         _law("normal_gain").apply(_state(), None, {"normal_ln_gain": math.log(0.96)})
     )
     assert gain[:, _LOAD] == pytest.approx(np.full(24, 0.96))
@@ -291,14 +297,14 @@ def test_zeros_and_cross_talk_enter_no_energy_and_move_the_readings_by_themselve
 def test_cross_talk_shows_the_pull_on_the_normal_gauge_and_a_fast_clock_slows_what_is_timed() -> (
     None
 ):
-    nominal = compute_channels(_state())
-    cross = compute_channels(
+    nominal = compute_shown_channels(_state())
+    cross = compute_shown_channels(
         _law("normal_cross_talk").apply(_state(), None, {"normal_cross_talk": 0.05})
     )
     # origin: before the edge the pull is mu times the load
     assert cross[:, _LOAD] == pytest.approx(nominal[:, _LOAD] + 0.05 * 0.17)
     assert cross[:, :2] == pytest.approx(nominal[:, :2])
-    late = compute_channels(_law("clock").apply(_state(), None, {"ln_clock": math.log(1.01)}))
+    late = compute_shown_channels(_law("clock").apply(_state(), None, {"ln_clock": math.log(1.01)}))
     # the slope of the ramp is per second, the ring has its cycles per second, the decay its seconds
     assert late[:, _SPRING] == pytest.approx(nominal[:, _SPRING] / 1.01)
     assert late[:, _DECAY] - nominal[:, _DECAY] == pytest.approx(np.full(24, math.log(1.01)))
@@ -306,8 +312,12 @@ def test_cross_talk_shows_the_pull_on_the_normal_gauge_and_a_fast_clock_slows_wh
 
 
 def test_friction_on_the_edge_moves_the_peak_and_not_the_sliding_force() -> None:
-    edge = compute_channels(_law("edge_friction").apply(_state(), None, {"edge_over_face": 0.8}))
-    other = compute_channels(build_nominal_state(_design(), CONSTANTS | {"friction": 0.8 * 0.17}))
+    edge = compute_shown_channels(
+        _law("edge_friction").apply(_state(), None, {"edge_over_face": 0.8})
+    )
+    other = compute_shown_channels(
+        build_nominal_state(_design(), CONSTANTS | {"friction": 0.8 * 0.17})
+    )
     assert edge[:, [_ENERGY, _FORCE]] == pytest.approx(other[:, [_ENERGY, _FORCE]])
     assert edge[:, _FRICTION] == pytest.approx(np.full(24, 0.17))
 
@@ -324,7 +334,7 @@ def test_a_hardening_ramp_is_as_steep_as_the_line_through_it() -> None:
             for r in (np.roots([0.2, 0, 1, -f]) for f in (sliding[i], force[i]))
         )
         u = np.linspace(low, low + 0.9 * (top - low), 20001)
-        assert compute_channels(state)[i, _SPRING] == pytest.approx(
+        assert compute_shown_channels(state)[i, _SPRING] == pytest.approx(
             1.05 * np.polyfit(u, u + 0.2 * u**3, 1)[0], rel=1e-5
         )
 
@@ -340,8 +350,8 @@ def test_running_in_is_forgotten_in_the_end() -> None:
 def test_a_slow_gauge_loses_what_the_ramp_makes_in_its_time_constant() -> None:
     law = _law("sensor_bandwidth")
     state = law.apply(_state(), None, {"time_constant_s": 1e-5})
-    lost = np.exp(compute_channels(_state())[:, _FORCE]) - np.exp(
-        compute_channels(state)[:, _FORCE]
+    lost = np.exp(compute_shown_channels(_state())[:, _FORCE]) - np.exp(
+        compute_shown_channels(state)[:, _FORCE]
     )
     # a ramp long against the time constant lags by slope times constant
     assert lost == pytest.approx(1.05 * 9500.0 * state.speed * 1e-5, rel=1e-3)
@@ -352,7 +362,7 @@ def test_the_ring_of_a_spring_that_a_fit_bends_too_far_keeps_a_frequency() -> No
     ringing = _state().changed(conversion=np.full(24, 4.0))
     limits = {"cubic_per_n2": 5.0, "pitch_share": -0.5}
     state = _law("hardening_spring").apply(ringing, None, limits)
-    assert np.isfinite(compute_channels(state)).all()
+    assert np.isfinite(compute_shown_channels(state)).all()
 
 
 def test_a_spring_that_hardens_rings_as_fast_as_duffings_oscillator() -> None:
@@ -363,7 +373,7 @@ def test_a_spring_that_hardens_rings_as_fast_as_duffings_oscillator() -> None:
     state = _law("hardening_spring").apply(
         nominal, None, {"cubic_per_n2": cubic, "pitch_share": 1.0}
     )
-    shown = compute_channels(state)
+    shown = compute_shown_channels(state)
     # the energy is shown as the force at the amplitude
     force = np.sqrt(2.0 * 9500.0 * np.exp(shown[:, _ENERGY]))
     roots = [np.roots([cubic, 0.0, 1.0, -one]) for one in force]
@@ -373,6 +383,6 @@ def test_a_spring_that_hardens_rings_as_fast_as_duffings_oscillator() -> None:
     size = 0.5 * cubic * amplitude[:, None] ** 2
     inverse = 1.0 / np.sqrt(1.0 + size * (1.0 + np.sin(phase) ** 2))
     period = np.trapezoid(inverse, phase, axis=1) / (0.5 * np.pi)
-    higher = shown[:, _RING] - compute_channels(nominal)[:, _RING]
+    higher = shown[:, _RING] - compute_shown_channels(nominal)[:, _RING]
     assert cubic * amplitude.max() ** 2 > 0.02
     assert higher == pytest.approx(-np.log(period), rel=0.01)

@@ -7,23 +7,23 @@ import math
 import numpy as np
 import pytest
 
-from stepblocks.contact.kernels import compute_angle_on_step, compute_height_at_angle
+from stepblocks.contact.kernels import compute_edge_contact_angle, compute_height_at_angle
 from stepblocks.contact.operating_point import PAPER, Tool
 from stepblocks.errors import ContactError
 from stepblocks.lawsearch.law import Law, Parameter
 from stepblocks.rig.effects.named import list_named_laws
-from stepblocks.rig.effects.release_motion import compute_release
+from stepblocks.rig.effects.release_motion import compute_log_excess_and_ring_share
 from stepblocks.rig.forward import (
     BenchDesign,
     build_bench_design,
     build_extended_state,
     build_nominal_state,
     compute_channel_responses,
-    list_constants,
-    name_height_error,
+    list_fitted_constants,
+    make_height_error_name,
     parse_tip_radius_um,
 )
-from stepblocks.rig.state import CHANNELS, compute_channels
+from stepblocks.rig.state import CHANNELS, compute_shown_channels
 
 _ENERGY, _FORCE, _FRICTION, _SPRING, _RING, _DECAY, _LOAD = range(7)
 _VALUES = {
@@ -87,7 +87,9 @@ def test_a_design_without_trials_is_refused():
 def test_a_fit_begins_at_the_tool_and_keeps_every_step_a_step(design):
     found = {
         p.name: p
-        for p in list_constants(design, Tool(conversion=0.3, frequency=280.0, decay_time=0.03))
+        for p in list_fitted_constants(
+            design, Tool(conversion=0.3, frequency=280.0, decay_time=0.03)
+        )
     }
     begun = [
         math.exp(found[f"ln_{name}"].start)
@@ -97,20 +99,22 @@ def test_a_fit_begins_at_the_tool_and_keeps_every_step_a_step(design):
     assert found["friction"].start == PAPER.friction
     for p in found.values():
         assert p.low < p.start < p.high
-    lowest = found[name_height_error("step-020")]
+    lowest = found[make_height_error_name("step-020")]
     # origin: a height error of 12 standard deviations, but no more than four fifths of the step
-    assert (lowest.low, found[name_height_error("step-070")].high) == pytest.approx((-12e-6, 12e-6))
+    assert (lowest.low, found[make_height_error_name("step-070")].high) == pytest.approx(
+        (-12e-6, 12e-6)
+    )
     thin = build_bench_design(
         np.array(["a"]),
         {k: v[:1] for k, v in (_COLUMNS | {"height_um": np.array([5.0])}).items()},
         9500.0,
     )
-    assert list_constants(thin)[-1].low == pytest.approx(-4e-6)
+    assert list_fitted_constants(thin)[-1].low == pytest.approx(-4e-6)
     assert lowest.block == "step-020"
 
 
 def test_a_height_error_moves_the_trials_of_its_block_alone(design):
-    moved = build_nominal_state(design, _VALUES | {name_height_error("step-050"): 2e-6}).height
+    moved = build_nominal_state(design, _VALUES | {make_height_error_name("step-050"): 2e-6}).height
     assert moved - design.height == pytest.approx([0.0, 2e-6, 0.0, 2e-6])
 
 
@@ -153,7 +157,7 @@ def test_an_effect_follows_its_column_or_the_block(design):
 def test_scatter_shows_in_the_channels_as_the_equations_say(design):
     state = build_nominal_state(design, _VALUES)
     found = compute_channel_responses(state)
-    total = compute_angle_on_step(design.height, design.tip_radius) + math.atan(0.17)
+    total = compute_edge_contact_angle(design.height, design.tip_radius) + math.atan(0.17)
     # d ln tan(a + atan mu) / d ln mu
     by_friction = 0.17 / (np.sin(total) * np.cos(total)) / (1.0 + 0.17**2)
     assert found[:, _FORCE, 0] == pytest.approx(by_friction, rel=1e-3)
@@ -173,24 +177,27 @@ def test_a_locked_tip_is_reported_and_still_has_finite_channels(design):
     state = build_nominal_state(design, _VALUES | {"friction": 0.6})
     # origin: a + atan mu >= 90 deg at H = 70 um, R = 120 um, mu = 0.6 (65.4 + 31.0 deg) and at no
     # lower step
-    assert state.find_locked().tolist() == [False, False, True, False]
-    assert np.all(np.isfinite(compute_channels(state)))
-    assert compute_channels(state).shape == (4, len(CHANNELS))
+    assert state.mark_locked_trials().tolist() == [False, False, True, False]
+    assert np.all(np.isfinite(compute_shown_channels(state)))
+    assert compute_shown_channels(state).shape == (4, len(CHANNELS))
 
 
 def test_a_step_as_high_as_the_ball_never_lets_go(design):
     state = build_nominal_state(design, _VALUES)
-    assert state.changed(height=state.radius.copy()).find_locked().all()
+    assert state.changed(height=state.radius.copy()).mark_locked_trials().all()
 
 
 def test_lost_energy_fades_out_and_never_turns_negative(design):
     state = build_nominal_state(design, _VALUES)
-    whole = np.exp(compute_channels(state)[:, _ENERGY])
-    little = np.exp(compute_channels(state.changed(lost_energy=0.5 * whole))[:, _ENERGY])
+    whole = np.exp(compute_shown_channels(state)[:, _ENERGY])
+    little = np.exp(compute_shown_channels(state.changed(lost_energy=0.5 * whole))[:, _ENERGY])
     assert little == pytest.approx(0.5 * whole)
     losses = np.linspace(0.0, 5.0, 60)
     left = np.stack(
-        [compute_channels(state.changed(lost_energy=loss * whole))[:, _ENERGY] for loss in losses]
+        [
+            compute_shown_channels(state.changed(lost_energy=loss * whole))[:, _ENERGY]
+            for loss in losses
+        ]
     )
     assert np.all(np.isfinite(left))
     assert np.all(np.diff(left, axis=0) < 0.0)
@@ -198,36 +205,38 @@ def test_lost_energy_fades_out_and_never_turns_negative(design):
 
 def test_a_gauge_of_first_order_shows_the_ring_smaller(design):
     lag = 4e-4
-    slow = compute_channels(build_nominal_state(design, _VALUES).changed(lag=np.full(4, lag)))
-    short = compute_channels(build_nominal_state(design, _VALUES))[:, _ENERGY] - slow[:, _ENERGY]
+    slow = compute_shown_channels(build_nominal_state(design, _VALUES).changed(lag=np.full(4, lag)))
+    short = (
+        compute_shown_channels(build_nominal_state(design, _VALUES))[:, _ENERGY] - slow[:, _ENERGY]
+    )
     # origin: the gain of a low pass of first order, squared
     assert np.exp(short) == pytest.approx(np.full(4, 1.0 + (2.0 * math.pi * 290.0 * lag) ** 2))
 
 
 def test_ring_spring_and_damping_show_in_frequency_and_decay(design):
     state = build_nominal_state(design, _VALUES)
-    moved = compute_channels(
+    moved = compute_shown_channels(
         state.changed(ring_stiffness=1.21 * state.ring_stiffness, damping=2.0 * state.damping)
     )
     assert np.exp(moved[:, _RING]) == pytest.approx(np.full(4, 290.0 * 1.1))
     assert np.exp(moved[:, _DECAY]) == pytest.approx(np.full(4, 0.021 / 2.0))
     # an amplitude of force counts with the nominal spring, whatever spring it rings with
-    assert np.exp(moved[:, _ENERGY] - compute_channels(state)[:, _ENERGY]) == pytest.approx(
+    assert np.exp(moved[:, _ENERGY] - compute_shown_channels(state)[:, _ENERGY]) == pytest.approx(
         np.full(4, 1.21)
     )
 
 
 def test_the_gauge_of_the_load_sees_an_offset_as_friction_and_as_load(design):
     state = build_nominal_state(design, _VALUES)
-    moved = compute_channels(state.changed(sensed_offset=0.1 * state.set_load))
+    moved = compute_shown_channels(state.changed(sensed_offset=0.1 * state.set_load))
     assert moved[:, _LOAD] == pytest.approx(np.full(4, 1.1))
     assert moved[:, _FRICTION] == pytest.approx(np.full(4, 0.17 / 1.1))
 
 
 def test_the_spring_shown_is_that_of_the_ramp(design):
-    assert compute_channels(build_nominal_state(design, _VALUES))[:, _SPRING] == pytest.approx(
-        np.full(4, 1.05)
-    )
+    assert compute_shown_channels(build_nominal_state(design, _VALUES))[
+        :, _SPRING
+    ] == pytest.approx(np.full(4, 1.05))
 
 
 def test_changing_a_slot_leaves_the_state_it_came_from_alone(design):
@@ -239,9 +248,9 @@ def test_changing_a_slot_leaves_the_state_it_came_from_alone(design):
 
 @pytest.mark.parametrize("height", [1e-9, 10e-6, 60e-6, 119e-6])
 def test_height_and_critical_angle_are_inverse(height):
-    assert compute_height_at_angle(compute_angle_on_step(height, 120e-6), 120e-6) == pytest.approx(
-        height, rel=1e-12
-    )
+    assert compute_height_at_angle(
+        compute_edge_contact_angle(height, 120e-6), 120e-6
+    ) == pytest.approx(height, rel=1e-12)
 
 
 def test_the_damper_takes_its_share_of_the_pull_in_proportion_to_the_speed(design):
@@ -276,18 +285,19 @@ def test_a_release_in_motion_knows_no_unit_of_length_and_none_of_force(design):
 
 def test_scanned_heights_become_tight_priors(design):
     found = {
-        one.name: one for one in list_constants(design, scanned={"step-050": (50.6e-6, 15e-9)})
+        one.name: one
+        for one in list_fitted_constants(design, scanned={"step-050": (50.6e-6, 15e-9)})
     }
-    assert found[name_height_error("step-050")].start == pytest.approx(0.6e-6)
-    assert found[name_height_error("step-050")].prior_std == pytest.approx(100e-9)
-    assert found[name_height_error("step-020")].prior_std == pytest.approx(1e-6)
+    assert found[make_height_error_name("step-050")].start == pytest.approx(0.6e-6)
+    assert found[make_height_error_name("step-050")].prior_std == pytest.approx(100e-9)
+    assert found[make_height_error_name("step-020")].prior_std == pytest.approx(1e-6)
 
 
 def test_a_bent_gauge_shows_the_ramp_as_steep_as_the_chord_of_its_curve(design):
     # origin: a gauge that shows F (1 + q F) shows e - s as (e - s) (1 + q (s + e))
     state = build_nominal_state(design, _VALUES)
-    straight = compute_channels(state)[:, _SPRING]
-    bent = compute_channels(state.changed(gauge_square=np.full(4, 0.05)))[:, _SPRING]
+    straight = compute_shown_channels(state)[:, _SPRING]
+    bent = compute_shown_channels(state.changed(gauge_square=np.full(4, 0.05)))[:, _SPRING]
     s = state.compute_sliding_force()
     e = s + 0.9 * (state.compute_peak_force() - s)  # where the line through a ramp ends
     chord = (e + 0.05 * e**2 - s - 0.05 * s**2) / (e - s)
@@ -295,7 +305,7 @@ def test_a_bent_gauge_shows_the_ramp_as_steep_as_the_chord_of_its_curve(design):
 
 
 def test_a_normal_gauge_that_is_not_zeroed_shows_more_load_and_less_friction(design):
-    moved = compute_channels(
+    moved = compute_shown_channels(
         _law("normal_zero").apply(
             build_nominal_state(design, _VALUES), None, {"normal_zero_n": 0.02}
         )
@@ -311,7 +321,7 @@ def test_a_release_in_motion_takes_the_mass_that_the_ring_tells(design):
     state = build_nominal_state(design, _VALUES)
     moved = _law("real_release").apply(state, None, {"weight": 1.0})
     mass = state.stiffness / (2.0 * math.pi * state.frequency) ** 2
-    excess, share = compute_release(
+    excess, share = compute_log_excess_and_ring_share(
         state.height / state.radius,
         state.friction,
         state.stiffness * state.radius / state.load,
@@ -331,8 +341,8 @@ def test_a_gauge_with_loops_shows_a_ring_that_is_late_by_its_own_amplitude(desig
     # the phase, each swing weighed by its energy, rises by what the lag falls meanwhile
     loops = 0.03
     state = build_nominal_state(design, _VALUES)
-    plain = compute_channels(state)
-    shown = compute_channels(state.changed(gauge_hysteresis=np.full(4, loops)))
+    plain = compute_shown_channels(state)
+    shown = compute_shown_channels(state.changed(gauge_hysteresis=np.full(4, loops)))
     swing = np.sqrt(2.0 * state.nominal_stiffness * np.exp(plain[:, CHANNELS.index("ln_energy")]))
     decay = state.decay_time[0]
     time = np.linspace(0.0, 20.0 * decay, 200_001)

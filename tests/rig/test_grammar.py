@@ -11,9 +11,9 @@ from stepblocks.rig.effects.geometry import make_exchange_law
 from stepblocks.rig.effects.grammar.compose import list_composed_laws
 from stepblocks.rig.effects.grammar.covariates import CovariateRange
 from stepblocks.rig.effects.grammar.slots import MAIN_SLOTS, SLOT_MOVES
-from stepblocks.rig.effects.release_motion import compute_release
+from stepblocks.rig.effects.release_motion import compute_log_excess_and_ring_share
 from stepblocks.rig.forward import build_bench_design, build_nominal_state
-from stepblocks.rig.state import compute_channels
+from stepblocks.rig.state import compute_shown_channels
 
 _PLAIN = CovariateRange("temperature_c", 18.0, 26.0)
 _WIDE = CovariateRange("load_n", 0.1, 1.6, True)
@@ -50,14 +50,18 @@ def test_a_range_is_laid_out_from_0_to_1_and_flat_beyond_it():
 
 
 def test_a_line_goes_from_minus_one_to_one():
-    assert _PLAIN.build_line(np.array([18.0, 22.0, 26.0])).ravel().tolist() == [-1.0, 0.0, 1.0]
+    assert _PLAIN.build_line_column(np.array([18.0, 22.0, 26.0])).ravel().tolist() == [
+        -1.0,
+        0.0,
+        1.0,
+    ]
 
 
 def test_a_smooth_follows_every_cubic_of_its_covariate():
     # cubic B-splines of two pieces hold all cubics; with the constant of the nominal model they fit
     # any of them exactly
     x = np.linspace(18.0, 26.0, 60)
-    basis = np.column_stack([np.ones(60), _PLAIN.build_basis(x)])
+    basis = np.column_stack([np.ones(60), _PLAIN.build_smooth_columns(x)])
     assert np.linalg.matrix_rank(basis) == 5
     for power in range(4):
         target = (x - 22.0) ** power
@@ -67,19 +71,19 @@ def test_a_smooth_follows_every_cubic_of_its_covariate():
 
 def test_a_smooth_has_two_continuous_derivatives_where_its_pieces_meet():
     x = 22.0 + np.linspace(-0.02, 0.02, 401)
-    second = np.diff(_PLAIN.build_basis(x), n=2, axis=0) / (x[1] - x[0]) ** 2
+    second = np.diff(_PLAIN.build_smooth_columns(x), n=2, axis=0) / (x[1] - x[0]) ** 2
     assert np.abs(np.diff(second, axis=0)).max() < 1e-2 * np.abs(second).max() + 1e-5
 
 
 def test_few_settings_take_powers_and_labels_take_one_column_each():
-    assert _FEW.build_basis(np.array([2.0, 11.0, 20.0])).tolist() == [
+    assert _FEW.build_smooth_columns(np.array([2.0, 11.0, 20.0])).tolist() == [
         [-1.0, 1.0],
         [0.0, 0.0],
         [1.0, 1.0],
     ]
     # a label that the data had not is taken for the mean of all
     third = 1.0 / 3.0
-    assert _LABELS.build_basis(np.array(["A", "B", "C", "D"])).tolist() == [
+    assert _LABELS.build_smooth_columns(np.array(["A", "B", "C", "D"])).tolist() == [
         [0, 0],
         [1, 0],
         [0, 1],
@@ -126,8 +130,8 @@ def test_a_law_asked_with_another_column_forgets_the_first(state):
 def test_ways_into_one_slot_differ_in_what_the_bench_shows(state):
     def shown(name):
         return (
-            compute_channels(SLOT_MOVES[name].change(state, np.full(5, 0.1)))[0]
-            - compute_channels(state)[0]
+            compute_shown_channels(SLOT_MOVES[name].change(state, np.full(5, 0.1)))[0]
+            - compute_shown_channels(state)[0]
         )
 
     # unseen by the gauge, the load ratio stays; a load while climbing leaves the sliding friction
@@ -144,7 +148,7 @@ def test_ways_into_one_slot_differ_in_what_the_bench_shows(state):
 
 def test_a_step_as_high_as_the_ball_counts_as_the_highest_that_a_fit_may_stray_to():
     same = np.ones(2)
-    far = compute_release(
+    far = compute_log_excess_and_ring_share(
         np.array([0.97, 1.4]), 0.16 * same, 2.0 * same, 0.05 * same, 0.025 * same, 0.0 * same
     )
     assert far[0][0] == far[0][1]
@@ -158,7 +162,7 @@ def test_a_release_is_continuous_in_its_friction(height, stiffness):
     # a step of the integration is no step of the answer: a fit takes differences over such changes
     friction = 0.15 + 1e-6 * np.arange(200)
     same = np.ones(200)
-    for figure in compute_release(
+    for figure in compute_log_excess_and_ring_share(
         height * same, friction, stiffness * same, 0.05 * same, 0.025 * same, 0.0 * same
     ):
         assert np.ptp(np.diff(figure)) < 5e-4
@@ -166,8 +170,10 @@ def test_a_release_is_continuous_in_its_friction(height, stiffness):
 
 def test_smooths_are_zero_in_the_middle_and_flat_beyond_the_range():
     place = CovariateRange("temperature_c", 18.0, 26.0)
-    assert np.allclose(place.build_basis(np.array([22.0])), 0.0)
-    assert np.array_equal(place.build_basis(np.array([26.0])), place.build_basis(np.array([40.0])))
+    assert np.allclose(place.build_smooth_columns(np.array([22.0])), 0.0)
+    assert np.array_equal(
+        place.build_smooth_columns(np.array([26.0])), place.build_smooth_columns(np.array([40.0]))
+    )
 
 
 def test_levels_are_named_by_every_label_but_the_first():

@@ -7,13 +7,13 @@ import pytest
 from scipy.optimize import brentq
 
 from oracles.virtual_bench import Bench, drag
-from stepblocks.rig.effects.release_motion import compute_release
+from stepblocks.rig.effects.release_motion import compute_log_excess_and_ring_share
 
 
 def test_a_fast_release_rings_with_more_than_a_slow_one_and_peaks_higher() -> None:
     speeds = np.array([0.01, 0.05, 0.3])
     same = np.ones(3)
-    excess, share = compute_release(
+    excess, share = compute_log_excess_and_ring_share(
         0.3 * same, 0.16 * same, 2.0 * same, speeds, 0.025 * same, 0.0 * same
     )
     assert np.all(np.diff(excess) > 0.0)
@@ -27,8 +27,10 @@ def test_a_tip_moves_alone_as_it_does_among_others() -> None:
         *(draw.uniform(0.02, 0.9, 21), draw.uniform(0.02, 0.4, 21), draw.uniform(0.3, 30.0, 21)),
         *(np.exp(draw.uniform(-6.0, 0.0, 21)), draw.uniform(0.01, 0.1, 21), np.zeros(21)),
     )
-    together = np.array(compute_release(*cases))
-    alone = [compute_release(*(column[[n]] for column in cases)) for n in range(21)]
+    together = np.array(compute_log_excess_and_ring_share(*cases))
+    alone = [
+        compute_log_excess_and_ring_share(*(column[[n]] for column in cases)) for n in range(21)
+    ]
     assert np.allclose(together, np.squeeze(alone, axis=2).T, rtol=0.0, atol=1e-12)
 
 
@@ -37,8 +39,8 @@ def test_replicates_release_alike_in_whichever_order_they_stand() -> None:
     ends = [(0.02, 0.9), (0.02, 0.4), (0.3, 30.0), (0.01, 0.5), (0.01, 0.1), (0.0, 0.0)]
     settings = np.array([draw.uniform(low, high, 5) for low, high in ends])
     trials = draw.integers(0, 5, 40)
-    of_settings = np.array(compute_release(*settings))
-    of_trials = np.array(compute_release(*settings[:, trials]))
+    of_settings = np.array(compute_log_excess_and_ring_share(*settings))
+    of_trials = np.array(compute_log_excess_and_ring_share(*settings[:, trials]))
     assert np.allclose(of_trials, of_settings[:, trials], rtol=0.0, atol=1e-12)
 
 
@@ -57,7 +59,7 @@ def test_a_stiff_release_of_a_slow_handle_keeps_energy() -> None:
     kinetic = float(np.trapezoid(pull - resist, x))
     potential = (pull[-1] - friction) ** 2 / (2.0 * stiffness)
     expected = 2.0 * stiffness * (kinetic + potential) / force**2
-    _, share = compute_release(
+    _, share = compute_log_excess_and_ring_share(
         *(np.array([v]) for v in (height, friction, stiffness, 0.006, 0.0, 0.0))
     )
     assert math.exp(float(share[0])) == pytest.approx(expected, rel=0.05)
@@ -103,7 +105,9 @@ def test_a_release_rings_as_that_of_the_bench_which_integrates_it(
         speed * momentum / load,
     )
     cubic = bent * (load / bench.stiffness) ** 2
-    excess, share = compute_release(*(np.array([v]) for v in (*asked, bench.damping_ratio, cubic)))
+    excess, share = compute_log_excess_and_ring_share(
+        *(np.array([v]) for v in (*asked, bench.damping_ratio, cubic))
+    )
     angle = math.acos(1.0 - height / radius) + math.atan(bench.friction)
     # the damper pulls along while the tip is held
     start = load * math.tan(angle) - 2.0 * bench.damping_ratio * momentum * speed

@@ -10,10 +10,15 @@ from oracles.scenes import assemble_scene
 from oracles.shipped import load_shipped
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
 from stepblocks.errors import HapticsError
-from stepblocks.haptics.devices import find_device, load_devices
+from stepblocks.haptics.devices import get_device, load_devices
 from stepblocks.parts.shapes import compute_enclosed_volume
 from stepblocks.simulators.assemble import build_plain_step, resolve_contact
-from stepblocks.simulators.scene import SceneFormat, find_full_scale_force, write_json, write_scene
+from stepblocks.simulators.scene import (
+    SceneFormat,
+    compute_full_scale_force,
+    write_json,
+    write_scene,
+)
 
 BLOCK = load_shipped("paper-ten").stimuli[2]
 MARGINS = {s.id: s for s in load_shipped("crown-margins").stimuli}
@@ -46,7 +51,7 @@ def test_the_pieces_fill_the_block_but_for_holes_and_engraving(plain):
 
 
 def test_a_device_sets_the_scale_unless_one_is_given():
-    touch = find_device("touch", load_devices())
+    touch = get_device("touch", load_devices())
     assert assemble_scene(BLOCK, PAPER, device=touch).scale > 1.0
     given = assemble_scene(BLOCK, PAPER, device=touch, scale=3.0)
     assert (given.scale, given.plan.scale) == (3.0, 3.0)
@@ -125,7 +130,7 @@ def test_a_new_format_is_one_object_and_gets_all_that_every_folder_has(plain, tm
     )
     write_scene(tmp_path, plain, form)
     names = {path.name for path in tmp_path.iterdir()}
-    full = f"full-scale-{find_full_scale_force(plain.events):.4g}n"
+    full = f"full-scale-{compute_full_scale_force(plain.events):.4g}n"
     waves = [f"-{rate}khz-{full}{kind}.wav" for rate in (10, 48) for kind in ("", "-int16")]
     rings = {f"ring-up{end}" for end in (*waves, ".json", ".hjif", ".ahap")}
     # nothing rings on the way down

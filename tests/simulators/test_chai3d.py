@@ -17,7 +17,7 @@ from stepblocks.bench.measure import measure_session
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.declaration.read import load_set
 from stepblocks.loop.run import loop_session
-from stepblocks.rehearse.record import Rig, Truth, record_trial
+from stepblocks.rehearse.record import Rig, Truth, record_trial_by_equations
 from stepblocks.simulators.compare import compare_record
 from stepblocks.simulators.export import export_scenes
 from stepblocks.simulators.scene import write_scene
@@ -303,7 +303,7 @@ def test_the_log_by_itself_writes_a_session_that_measure_reads(tmp_path):
     random = np.random.default_rng(34)
     rows = []
     for _ in range(4):
-        trace, *_ = record_trial(truth, Rig(), random)
+        trace, *_ = record_trial_by_equations(truth, Rig(), random)
         rows += zip(trace.time, trace.tangential, trace.normal, speed * trace.time, strict=True)
     text = "".join(" ".join(f"{value:.9g}" for value in row) + "\n" for row in rows)
     done = subprocess.run(

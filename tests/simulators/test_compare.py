@@ -22,9 +22,9 @@ RATE, TOOL = 10e3, {"frequency": 300.0, "decay": 15e-3}
 
 
 def ideal():
-    from stepblocks.simulators.compare import _predict_event
+    from stepblocks.simulators.compare import _predict_event_of_stimulus
 
-    return _predict_event(STEP, {}, False)
+    return _predict_event_of_stimulus(STEP, {}, False)
 
 
 def recorded(path, energy=1.0, frequency=1.0, decay=1.0, force=1.0, noise=0.0):

@@ -32,7 +32,9 @@ HELD, SLIPS = 1.0 - 1e-6, 1.0 + 1e-6
 def released(height, point=POINT):
     """Force of equation (1) at the angle of equation (2), from the kernels."""
     return kernels.compute_pull_force(
-        point.normal_load, kernels.compute_angle_on_step(height, point.ball_radius), point.friction
+        point.normal_load,
+        kernels.compute_edge_contact_angle(height, point.ball_radius),
+        point.friction,
     )
 
 
@@ -206,7 +208,7 @@ def test_the_page_states_the_force_of_the_formula_and_where_it_ends(in_node):
         f"{{...STIMULI[i], load, friction}}).force))({paths})"
     )
     for (index, load, friction), force in zip(grid, told, strict=True):
-        angle = kernels.compute_angle_on_step(TEN[index].height.nominal, 125e-6)
+        angle = kernels.compute_edge_contact_angle(TEN[index].height.nominal, 125e-6)
         if angle + math.atan(friction) >= 0.5 * math.pi:
             assert force is None  # NaN is no JSON
         else:

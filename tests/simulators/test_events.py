@@ -12,7 +12,7 @@ from stepblocks.contact.event import compute_ring_energy, list_vibration_events
 from stepblocks.contact.operating_point import PAPER
 from stepblocks.errors import HapticsError
 from stepblocks.records.model import read_model
-from stepblocks.simulators.assemble import apply_learned_model, replace_ring_by_drag
+from stepblocks.simulators.assemble import apply_learned_model_to_contact, replace_ring_by_drag
 
 BLOCKS = {s.id: s for s in load_shipped("paper-ten").stimuli}
 MARGINS = {s.id: s for s in load_shipped("crown-margins").stimuli}
@@ -24,7 +24,7 @@ def learned(learned_model):
 
 
 def test_what_a_session_taught_stands_for_friction_spring_and_ring(learned):
-    surface, point, (up, _) = apply_learned_model(learned, BLOCKS["step-050"], PAPER)
+    surface, point, (up, _) = apply_learned_model_to_contact(learned, BLOCKS["step-050"], PAPER)
     assert (point.friction, point.tool.stiffness) == pytest.approx((0.2, 1.02 * 9.81e3))
     assert (point.tool.frequency, point.tool.decay_time, point.tool.conversion) == pytest.approx(
         (280.4, 0.02, 0.25)
@@ -40,7 +40,7 @@ def test_what_a_session_taught_stands_for_friction_spring_and_ring(learned):
 
 
 def test_a_friction_that_was_asked_for_stands_against_what_was_learnt(learned):
-    _, point, (up, _) = apply_learned_model(
+    _, point, (up, _) = apply_learned_model_to_contact(
         learned, BLOCKS["step-050"], replace(PAPER, friction=0.05), keep_friction=True
     )
     assert point.friction == 0.05
@@ -49,17 +49,17 @@ def test_a_friction_that_was_asked_for_stands_against_what_was_learnt(learned):
 
 
 def test_the_edge_is_never_rounded_beyond_the_step(learned):
-    surface, _, _ = apply_learned_model(learned, BLOCKS["step-010"], PAPER)
+    surface, _, _ = apply_learned_model_to_contact(learned, BLOCKS["step-010"], PAPER)
     assert surface.edge_radius.nominal == pytest.approx(10e-6)
 
 
 def test_the_declared_part_stays_as_it_was(learned):
-    apply_learned_model(learned, BLOCKS["step-050"], PAPER)
+    apply_learned_model_to_contact(learned, BLOCKS["step-050"], PAPER)
     assert BLOCKS["step-050"].edge_radius.nominal == 0.0
 
 
 def test_both_drags_over_a_groove_are_taught(learned):
-    _, _, events = apply_learned_model(learned, MARGINS["gap-100"], PAPER)
+    _, _, events = apply_learned_model_to_contact(learned, MARGINS["gap-100"], PAPER)
     assert [event.learned.status for event in events] == ["ok", "ok"]
     assert events[0].energy == pytest.approx(events[1].energy, rel=1e-6)
     for event in events:
@@ -68,7 +68,7 @@ def test_both_drags_over_a_groove_are_taught(learned):
 
 
 def test_a_drag_that_catches_nothing_is_taught_nothing(learned):
-    _, _, (_, down) = apply_learned_model(learned, BLOCKS["step-050"], PAPER)
+    _, _, (_, down) = apply_learned_model_to_contact(learned, BLOCKS["step-050"], PAPER)
     assert (down.status, down.learned) == (Status.NO_CATCH, None)
 
 

@@ -17,7 +17,7 @@ import pytest
 from oracles.scenes import assemble_scene
 from oracles.shipped import load_shipped
 from stepblocks.contact.operating_point import OperatingPoint
-from stepblocks.haptics.feel_page import _describe_outline
+from stepblocks.haptics.feel_page import _make_outline_fields
 from stepblocks.haptics.hands import Hand
 from stepblocks.haptics.renderer import Renderer
 from stepblocks.haptics.servo import Servo
@@ -222,7 +222,7 @@ def in_javascript(folder, place):
     (place / "page.js").write_text(law + PAGE)
     tool = {"load": LOAD, "friction": MU, "stiffness": SPRING, "conversion": 0.2, "radius": R}
     tool |= {"frequency": 300.0, "decay": 0.014, "limit": 1e9}
-    outline = _describe_outline(BLOCK.counterface(), None)
+    outline = _make_outline_fields(BLOCK.counterface(), None)
 
     def drive(rows):
         said = [[str(float(value)).replace("inf", "Infinity") for value in row] for row in rows]

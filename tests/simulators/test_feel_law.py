@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from stepblocks.contact.counterface import Margin, Profile, Step
-from stepblocks.haptics.feel_page import _describe_outline
+from stepblocks.haptics.feel_page import _make_outline_fields
 
 NATIVE = files("stepblocks.simulators").joinpath("native")
 LAW = files("stepblocks.haptics").joinpath("templates", "feel_law.js")
@@ -78,7 +78,7 @@ def binding(tmp_path_factory):
 @pytest.mark.parametrize("name", FACES)
 def test_the_page_and_the_library_are_one_law(binding, library, tmp_path, name, radius):
     node = shutil.which("node") or pytest.skip("no node")
-    outline = _describe_outline(FACES[name], None)
+    outline = _make_outline_fields(FACES[name], None)
     generator, dt = np.random.default_rng(7), 2e-4
     hands = np.interp(np.linspace(0, 19, 3000), np.arange(20), generator.uniform(-5e-4, 5e-4, 20))
     with binding.World(library=library) as world:

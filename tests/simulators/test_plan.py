@@ -10,7 +10,7 @@ from oracles.shipped import load_shipped
 from stepblocks.contact.event import list_vibration_events
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.errors import HapticsError
-from stepblocks.haptics.devices import Faithfulness, find_device, load_devices, plan_rendering
+from stepblocks.haptics.devices import Faithfulness, get_device, load_devices, plan_rendering
 from stepblocks.simulators.export import export_scenes
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -31,7 +31,7 @@ FACTS = {
 
 def plan(device, block, point=POINT, scale=None):
     return plan_rendering(
-        find_device(device, DEVICES),
+        get_device(device, DEVICES),
         list_vibration_events(block.counterface(), point, block.id)[0],
         point,
         scale,
@@ -40,7 +40,7 @@ def plan(device, block, point=POINT, scale=None):
 
 @pytest.mark.parametrize("name", FACTS)
 def test_shipped_figures_are_those_of_the_project_and_carry_their_origin(name):
-    device = find_device(name, DEVICES)
+    device = get_device(name, DEVICES)
     resolution, force, stiffness = FACTS[name]
     assert device.position_resolution.value == pytest.approx(resolution)
     assert device.peak_force.value == pytest.approx(force)
@@ -117,7 +117,7 @@ def test_the_scale_is_the_smallest_round_one_that_keeps_force_and_spring(name, i
         return error <= 0.01 + 1e-9 and (limit is None or 9.81e3 / scale <= limit * (1 + 1e-9))
 
     ladder = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000]
-    travel = find_device(name, DEVICES).travel
+    travel = get_device(name, DEVICES).travel
     fits = [
         s
         for s in ladder
@@ -189,7 +189,7 @@ def test_users_add_devices_of_their_own(tmp_path):
     path.write_text(OWN)
     devices = load_devices(path)
     assert len(devices) == len(DEVICES) + 1
-    assert find_device("own", devices).position_resolution.value == 2e-6
+    assert get_device("own", devices).position_resolution.value == 2e-6
 
 
 @pytest.mark.parametrize(
@@ -215,7 +215,7 @@ def test_a_malformed_device_file_is_one_line(tmp_path, old, new, message):
 
 def test_an_unknown_device_names_the_known_ones():
     with pytest.raises(HapticsError, match="touch, touch-x"):
-        find_device("joystick", DEVICES)
+        get_device("joystick", DEVICES)
 
 
 def test_pull_and_load_together_are_held_against_the_peak_force():
@@ -251,7 +251,7 @@ def test_a_figure_of_an_own_device_may_be_a_plain_quantity_and_measured(tmp_path
         '{ value = "2 um", source = "our calibration", confidence = "datasheet" }', '"2 um"'
     )
     path.write_text(own.replace('"datasheet"', '"measured"'))
-    device = find_device("own", load_devices(path))
+    device = get_device("own", load_devices(path))
     assert (device.position_resolution.value, device.position_resolution.confidence) == (
         2e-6,
         "assumed",

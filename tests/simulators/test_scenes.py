@@ -17,7 +17,7 @@ from oracles.browser import browser_without_network
 from oracles.scenes import assemble_scene
 from oracles.shipped import load_shipped
 from stepblocks.contact.operating_point import OperatingPoint
-from stepblocks.haptics.devices import find_device, load_devices
+from stepblocks.haptics.devices import get_device, load_devices
 from stepblocks.simulators.scene import write_scene
 from stepblocks.simulators.scenes import SCENE_FORMATS
 
@@ -46,7 +46,7 @@ class Scenes(dict):
 
     def __missing__(self, name):
         if name == "touch":
-            device = find_device("touch", load_devices())
+            device = get_device("touch", load_devices())
             self[name] = assemble_scene(TEN[4], POINT, device=device)
         else:
             (block,) = (block for block in (*TEN, GAP) if block.id == name)

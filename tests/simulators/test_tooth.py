@@ -15,8 +15,8 @@ from stepblocks.cli import main
 from stepblocks.declaration.read import load_set
 from stepblocks.declaration.set import choose_operating_point
 from stepblocks.parts.margin_line import measure_stations_in_worker, read_tooth_in_worker
-from stepblocks.simulators.assemble import build_scene, lay_out_teeth, resolve_contact
-from stepblocks.simulators.scene import write_tooth
+from stepblocks.simulators.assemble import build_scene, iterate_scanned_teeth, resolve_contact
+from stepblocks.simulators.scene import write_tooth_scene
 from stepblocks.simulators.scenes import SCENE_FORMATS
 
 BALL, GAP, LOAD, MU = 125e-6, 80e-6, 0.5, 0.15
@@ -54,7 +54,7 @@ def tooth(source):
         build_scene(resolve_contact(part, choose_operating_point(stimuli, part, {})))
         for part in stimuli.stimuli
     ]
-    ((mesh, stations),) = lay_out_teeth(scenes, source.parent)
+    ((mesh, stations),) = iterate_scanned_teeth(scenes, source.parent)
     return mesh, stations
 
 
@@ -63,7 +63,7 @@ def folders(tooth, tmp_path_factory):
     base = tmp_path_factory.mktemp("with space")
     made = {name: base / f"{name}-tooth" for name in ("mujoco", "gltf", "usd", "native")}
     for name, folder in made.items():
-        write_tooth(folder, *tooth, SCENE_FORMATS[name])
+        write_tooth_scene(folder, *tooth, SCENE_FORMATS[name])
     return made
 
 

@@ -17,7 +17,7 @@ from nicegui.testing.user_simulation import user_simulation
 
 from stepblocks.errors import BenchError, PipelineError
 from stepblocks.loop.declared_checks import CalibrationCheck, Declared, RateCheck, SessionCheck
-from stepblocks.loop.record import convert_to_plain, format_document
+from stepblocks.loop.record import convert_to_json_values, format_json_document
 from stepblocks.window import texts
 from stepblocks.window.bench_page import BenchForm
 from stepblocks.window.declaration_check import list_check_rows, read_check_result
@@ -201,7 +201,7 @@ def test_what_the_traces_say_of_the_declaration_is_shown_with_intervals_and_like
 
 def test_a_check_reads_back_as_it_was_written_and_a_damaged_one_is_one_line(tmp_path):
     path = tmp_path / "check.json"
-    path.write_text(format_document({"schema": 1, **convert_to_plain(CHECK)}))
+    path.write_text(format_json_document({"schema": 1, **convert_to_json_values(CHECK)}))
     assert read_check_result(path) == CHECK
     for text in ("", "[]", '{"spring": 1}'):
         path.write_text(text)
@@ -223,8 +223,8 @@ def test_a_check_of_another_declaration_is_said_to_be_old(tmp_path):
     (tmp_path / "out").mkdir()
     digest = hashlib.sha256((tmp_path / "b1" / "session.toml").read_bytes()).hexdigest()
     for written, is_old in ((digest, False), ("0", True)):
-        document = {"schema": 1, **convert_to_plain(replace(CHECK, digest=written))}
-        (tmp_path / "out" / "b1-check.json").write_text(format_document(document))
+        document = {"schema": 1, **convert_to_json_values(replace(CHECK, digest=written))}
+        (tmp_path / "out" / "b1-check.json").write_text(format_json_document(document))
         shown = asyncio.run(open_checked(tmp_path))
         assert "stepblocks measure b1 --check out/b1-check.json" in shown
         assert "the ramps show a spring of 4.92 N/mm" in shown

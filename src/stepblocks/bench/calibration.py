@@ -27,7 +27,7 @@ class Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-def _validate_law(kind: str, declared: dict[str, Any]) -> dict[str, Any]:
+def _validate_declared_law(kind: str, declared: dict[str, Any]) -> dict[str, Any]:
     """Return a ``friction`` or ``contact`` law as declared; refuse one that cannot be built."""
     build_laws({kind: declared})
     return declared
@@ -41,8 +41,10 @@ def _refuse_tool_law(_: object) -> None:
     )
 
 
-_FrictionLaw = Annotated[dict[str, Any], AfterValidator(partial(_validate_law, "friction"))]
-_ContactLaw = Annotated[dict[str, Any], AfterValidator(partial(_validate_law, "contact"))]
+_FrictionLaw = Annotated[
+    dict[str, Any], AfterValidator(partial(_validate_declared_law, "friction"))
+]
+_ContactLaw = Annotated[dict[str, Any], AfterValidator(partial(_validate_declared_law, "contact"))]
 
 
 class Probe(Strict):
@@ -67,24 +69,29 @@ class Probe(Strict):
     tool: Annotated[None, BeforeValidator(_refuse_tool_law)] = None
 
 
-def _convert_to_logarithm(known: tuple[float, float]) -> tuple[float, float]:
+def _convert_gain_to_logarithm(gain_with_std: tuple[float, float]) -> tuple[float, float]:
     """Return the logarithm of a gain with its standard uncertainty."""
-    gain, std = known
+    gain, std = gain_with_std
     return float(np.log(gain)), std / gain
 
 
-def _convert_to_time_constant(known: tuple[float, float]) -> tuple[float, float]:
+def _convert_corner_frequency_to_time_constant(
+    frequency_with_std: tuple[float, float],
+) -> tuple[float, float]:
     """Return a time constant [s] with its standard uncertainty from a corner frequency [Hz]."""
-    frequency, std = known
+    frequency, std = frequency_with_std
     return 0.5 / np.pi / frequency, 0.5 / np.pi * std / frequency**2
 
 
 # pairs of a value and its standard uncertainty
 _KnownZero = tuple[_Force, Annotated[_Force, Field(gt=0.0)]] | None
 _KnownShare = tuple[_Ratio, _Gain] | None
-_KnownGain = Annotated[tuple[_Gain, _Gain], AfterValidator(_convert_to_logarithm)] | None
+_KnownGain = Annotated[tuple[_Gain, _Gain], AfterValidator(_convert_gain_to_logarithm)] | None
 _KnownBandwidth = (
-    Annotated[tuple[Frequency, Frequency], AfterValidator(_convert_to_time_constant)] | None
+    Annotated[
+        tuple[Frequency, Frequency], AfterValidator(_convert_corner_frequency_to_time_constant)
+    ]
+    | None
 )
 _KnownStiffness = tuple[Stiffness, Stiffness] | None
 

@@ -57,12 +57,12 @@ def find_unit_in_name(name: str, dimension: str) -> str | None:
     return units[max(fitting, key=len)]
 
 
-def _parse_quantity_at_place(text: str, dimension: str, place: str) -> float:
-    """Parse a quantity into SI; an error names its `place` in session.toml."""
+def _parse_setting_quantity(text: str, dimension: str, setting_path: str) -> float:
+    """Parse a quantity into SI; an error names its `setting_path` in session.toml."""
     try:
         return parse_quantity(text, dimension)
     except QuantityError as error:
-        raise BenchError(f"`{place}` {error}") from error
+        raise BenchError(f"`{setting_path}` {error}") from error
 
 
 def _require_finite(value: object) -> object:
@@ -101,24 +101,24 @@ class Channel(Strict):
 
     @model_validator(mode="before")
     @classmethod
-    def _expand_short_form(cls, value: object) -> object:
+    def _expand_short_form(cls, declared: object) -> object:
         """Accept the column alone in place of a table."""
-        is_column = isinstance(value, str | int) and not isinstance(value, bool)
+        is_column = isinstance(declared, str | int) and not isinstance(declared, bool)
         if is_column:
-            return {"column": value}
-        return value
+            return {"column": declared}
+        return declared
 
-    def _find_unit(self, dimension: str) -> str | None:
+    def _find_unit_in_column_name(self, dimension: str) -> str | None:
         return self.unit or find_unit_in_name(str(self.column), dimension)
 
-    def find_factor_to_si(self, dimension: str, place: str) -> float:
+    def find_factor_to_si(self, dimension: str, setting_path: str) -> float:
         """Return the factor from the numbers in the file to SI.
 
         Parameters
         ----------
         dimension : str
             Such as ``force``.
-        place : str
+        setting_path : str
             Of the channel in session.toml, for messages.
 
         Raises
@@ -126,13 +126,13 @@ class Channel(Strict):
         BenchError
             If factor and unit do not go together.
         """
-        unit = self._find_unit(dimension)
+        unit = self._find_unit_in_column_name(dimension)
         if isinstance(self.factor, str):
-            return self._find_factor_from_volts(self.factor, unit or "V", dimension, place)
+            return self._find_factor_from_volts(self.factor, unit or "V", dimension, setting_path)
         if unit in _VOLTS:
             raise BenchError(
-                f"`{place}.factor` must say what a volt is, such as '2.35 N/V', for a column in "
-                f"{unit}"
+                f"`{setting_path}.factor` must say what a volt is, such as '2.35 N/V', for a "
+                f"column in {unit}"
             )
         if unit is None:
             return self.factor
@@ -141,45 +141,51 @@ class Channel(Strict):
         try:
             return self.factor * parse_quantity(f"1 {unit}", dimension)
         except QuantityError as error:
-            raise BenchError(f"`{place}` must have a unit of {dimension}, got {unit!r}") from error
+            raise BenchError(
+                f"`{setting_path}` must have a unit of {dimension}, got {unit!r}"
+            ) from error
 
-    def _find_factor_from_volts(self, factor: str, unit: str, dimension: str, place: str) -> float:
+    def _find_factor_from_volts(
+        self, factor: str, unit: str, dimension: str, setting_path: str
+    ) -> float:
         """Return the factor to SI for a file in volts, from a declared quantity per volt."""
         per_volt = _PER_VOLT.fullmatch(factor)
         if per_volt is None or unit not in _VOLTS:
             raise BenchError(
-                f"`{place}.factor` must be a number, or a {dimension} per volt such as "
+                f"`{setting_path}.factor` must be a number, or a {dimension} per volt such as "
                 f"'2.35 N/V' of a column in V or mV, got {factor!r}"
             )
-        quantity = _parse_quantity_at_place(per_volt["quantity"], dimension, f"{place}.factor")
+        quantity = _parse_setting_quantity(
+            per_volt["quantity"], dimension, f"{setting_path}.factor"
+        )
         return quantity / _VOLTS[per_volt["unit"]] * _VOLTS[unit]
 
-    def find_offset_in_si(self, dimension: str, place: str) -> float:
+    def find_offset_in_si(self, dimension: str, setting_path: str) -> float:
         """Return the reading at zero in SI, as `find_factor_to_si` does."""
         if not isinstance(self.offset, str):
-            return self.offset * self.find_factor_to_si(dimension, place)
+            return self.offset * self.find_factor_to_si(dimension, setting_path)
         voltage = _VOLTAGE.fullmatch(self.offset)
         if voltage is None or not isinstance(self.factor, str):
-            return _parse_quantity_at_place(self.offset, dimension, f"{place}.offset")
-        unit = self._find_unit(dimension) or "V"
+            return _parse_setting_quantity(self.offset, dimension, f"{setting_path}.offset")
+        unit = self._find_unit_in_column_name(dimension) or "V"
         number = float(voltage["number"])
         return (
             number
             * _VOLTS[voltage["unit"]]
             / _VOLTS[unit]
-            * self.find_factor_to_si(dimension, place)
+            * self.find_factor_to_si(dimension, setting_path)
         )
 
-    def read_tare_duration(self, place: str) -> float:
+    def parse_tare_duration(self, setting_path: str) -> float:
         """Return for how long the record shows zero at its start [s]; 0 without a tare."""
         if self.tare is None:
             return 0.0
         tare = _TARE.fullmatch(self.tare)
         if tare is None:
             raise BenchError(
-                f"`{place}.tare` must say how long, such as 'first 0.1 s', got {self.tare!r}"
+                f"`{setting_path}.tare` must say how long, such as 'first 0.1 s', got {self.tare!r}"
             )
-        return _parse_quantity_at_place(tare["duration"], "time", f"{place}.tare")
+        return _parse_setting_quantity(tare["duration"], "time", f"{setting_path}.tare")
 
 
 class DimensionedChannel(NamedTuple):
@@ -189,7 +195,7 @@ class DimensionedChannel(NamedTuple):
     dimension: str
 
 
-def check_channels(channels: Mapping[str, DimensionedChannel], *, have_time: bool) -> None:
+def check_channel_settings(channels: Mapping[str, DimensionedChannel], *, have_time: bool) -> None:
     """Refuse units, factors, offsets and tares that cannot be read, all at once.
 
     Parameters
@@ -209,7 +215,7 @@ def check_channels(channels: Mapping[str, DimensionedChannel], *, have_time: boo
         with collect_mistakes(mistakes):
             channel.find_factor_to_si(dimension, place)
             channel.find_offset_in_si(dimension, place)
-            if channel.read_tare_duration(place) and not have_time:
+            if channel.parse_tare_duration(place) and not have_time:
                 raise BenchError(f"`{place}` has no time to take a tare from")
     if mistakes:
         texts = [text for _, text in mistakes]

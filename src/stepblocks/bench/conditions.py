@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from stepblocks.bench.channel import Channel, find_unit_in_name
-from stepblocks.bench.patterns import resolve_inside
+from stepblocks.bench.patterns import resolve_path_inside_session
 from stepblocks.bench.session import Session, TrialColumns
 from stepblocks.bench.trials import Trial, find_declared_column, open_trials
 from stepblocks.errors import BenchError
@@ -69,11 +69,11 @@ def read_conditions(session: Session) -> dict[str, Condition]:
             conditions[name] = Condition(sources[part], values[part])
     for column in table.covariates:
         if column not in sources.values():
-            conditions |= _read_covariate(table.table, column)
+            conditions |= _read_covariate_condition(table.table, column)
     return conditions
 
 
-def _read_covariate(table: TextTable, column: str) -> dict[str, Condition]:
+def _read_covariate_condition(table: TextTable, column: str) -> dict[str, Condition]:
     """Read a column of numbers in another notation, or of dates as times since the first [s].
 
     The result is empty where the cells are neither.
@@ -118,14 +118,14 @@ def replace_columns_by_conditions(
 
 
 def find_block_heights(
-    session: Session, table: TextTable, trials: Sequence[Trial]
+    session: Session, trial_table: TextTable, trials: Sequence[Trial]
 ) -> tuple[str, list[float]]:
     """Find the heights of the blocks of trials.
 
     Parameters
     ----------
     session : Session
-    table : TextTable
+    trial_table : TextTable
         The table of trials.
     trials : sequence of Trial
 
@@ -141,22 +141,22 @@ def find_block_heights(
     BenchError
         If the table has no column of heights and the session no stimulus set.
     """
-    channel = _find_height_channel(session, table.names)
+    channel = _find_height_channel(session, trial_table.names)
     if channel is None:
         declared = _read_declared_heights_um(session)
         return "", [declared.get(trial.block, math.nan) for trial in trials]
-    column = find_declared_column(channel.column, table.names, "height")
+    column = find_declared_column(channel.column, trial_table.names, "height")
     place = "trials.columns.height"
     scale = 1e6 * channel.find_factor_to_si("length", place)
     offset = 1e6 * channel.find_offset_in_si("length", place)
     heights = []
     for trial in trials:
-        number = _parse_height(trial.cells.get(column, ""), table.notation)
+        number = _parse_height_cell(trial.cells.get(column, ""), trial_table.notation)
         heights.append(number * scale - offset)
     return column, heights
 
 
-def _parse_height(text: str, notation: NumberNotation) -> float:
+def _parse_height_cell(text: str, notation: NumberNotation) -> float:
     """Return the height in a cell; NaN where the cell holds no number."""
     try:
         return notation.parse_number(text)
@@ -202,7 +202,7 @@ def _find_stimulus_file(session: Session) -> Path | None:
     """Return where the stimulus set should lie; None where the session names none."""
     stimuli = session.stimuli
     if stimuli.file:
-        return resolve_inside(session.folder, stimuli.file, "stimuli.file")
+        return resolve_path_inside_session(session.folder, stimuli.file, "stimuli.file")
     if stimuli.set:
         return Path("stimuli") / f"{stimuli.set}.toml"
     return None

@@ -56,7 +56,7 @@ class Slip(Enum):
     BOTH_SIGNS = "the signs of both channels are reversed"
     EXCHANGED_CHANNELS = "the columns of `acquisition.channels` tangential and normal are exchanged"
 
-    def correct(self, trace: Trace) -> Trace:
+    def undo_in_trace(self, trace: Trace) -> Trace:
         """Return a trace as it reads without the slip."""
         if self is Slip.TANGENTIAL_SIGN:
             return Trace(trace.time, -trace.tangential, trace.normal)
@@ -114,10 +114,10 @@ def check_declarations(traces: Traces, pilots: Sequence[Pilot]) -> None:
     is_enough = len(measured) * 2 >= len(pilots) and len(measured) >= _FEWEST
     agreement = None
     if is_enough:
-        agreement = _compare_with_declared(session, measured)
+        agreement = _compare_pilots_with_declaration(session, measured)
         if agreement.is_plausible():
             return
-    slip = _find_slip(traces, pilots, measured if is_enough else [])
+    slip = _find_declaration_slip(traces, pilots, measured if is_enough else [])
     if slip is not None:
         raise BenchError(f"{slip.value}: once corrected, the traces agree [{session.folder}]")
     if agreement is not None:
@@ -131,52 +131,60 @@ def _check_tip_radii(session: Session, pilots: Sequence[Pilot]) -> None:
         read_tip_radii_um(labels, 1e6 * session.probe.tip_radius, f" [{session.table}]")
 
 
-def _does_any_agree(session: Session, pilots: Sequence[Pilot]) -> bool:
+def _is_any_pilot_plausible(session: Session, pilots: Sequence[Pilot]) -> bool:
     """Tell whether any single trial, corrected for a slip, agrees with session.toml."""
-    return any(_compare_with_declared(session, [pilot]).is_plausible() for pilot in pilots)
+    return any(
+        _compare_pilots_with_declaration(session, [pilot]).is_plausible() for pilot in pilots
+    )
 
 
-def _find_slip(traces: Traces, pilots: Sequence[Pilot], measured: Sequence[Pilot]) -> Slip | None:
+def _find_declaration_slip(
+    traces: Traces, pilots: Sequence[Pilot], measured_pilots: Sequence[Pilot]
+) -> Slip | None:
     """Find the slip without which the trials agree with session.toml.
 
-    A slip that the `measured` of the trials speak against is not tried, and one that explains
+    A slip that the `measured_pilots` speak against is not tried, and one that explains
     neither of two traces is tried in no more of them: a long record takes seconds to measure.
     """
     stride = max(len(pilots) // _TRIED, 1)
     trials = [pilot.trial for pilot in pilots[::stride][:_TRIED]]
     read = _read_traces(traces, trials)
     for slip in Slip:
-        if _is_excluded_by_signs(slip, measured):
+        if _is_excluded_by_signs(slip, measured_pilots):
             continue
-        first = _measure_corrected(traces.session, trials[:_TRIED_FIRST], read, slip.correct)
-        if not _does_any_agree(traces.session, first):
+        first = _measure_corrected_traces(
+            traces.session, trials[:_TRIED_FIRST], read, slip.undo_in_trace
+        )
+        if not _is_any_pilot_plausible(traces.session, first):
             continue
-        later = _measure_corrected(traces.session, trials[_TRIED_FIRST:], read, slip.correct)
+        later = _measure_corrected_traces(
+            traces.session, trials[_TRIED_FIRST:], read, slip.undo_in_trace
+        )
         corrected = first + later
         if len(corrected) * 2 <= len(trials):
             continue
-        if _compare_with_declared(traces.session, corrected).is_plausible():
+        if _compare_pilots_with_declaration(traces.session, corrected).is_plausible():
             return slip
     return None
 
 
-def _is_excluded_by_signs(slip: Slip, measured: Sequence[Pilot]) -> bool:
+def _is_excluded_by_signs(slip: Slip, measured_pilots: Sequence[Pilot]) -> bool:
     """Tell whether the signs of the forces as measured rule out a slip.
 
     Where the normal force presses as it should, reversing it would pull; where friction holds back
     as well, reversing the tangential force would push.
     """
-    presses = _has_positive_median(measured, "normal_load_n")
+    presses = _has_positive_median(measured_pilots, "normal_load_n")
     if slip in (Slip.NORMAL_SIGN, Slip.BOTH_SIGNS):
         return presses
     if slip is Slip.TANGENTIAL_SIGN:
-        return presses and _has_positive_median(measured, "sliding_friction")
+        return presses and _has_positive_median(measured_pilots, "sliding_friction")
     return False
 
 
-def _has_positive_median(measured: Sequence[Pilot], name: str) -> bool:
+def _has_positive_median(measured_pilots: Sequence[Pilot], feature: str) -> bool:
     """Tell whether the median of a feature is known and positive."""
-    values = np.array([pilot.features[name] for pilot in measured], dtype=float)
+    values = np.array([pilot.features[feature] for pilot in measured_pilots], dtype=float)
     known = values[np.isfinite(values)]
     return bool(known.size) and float(np.median(known)) > 0.0
 
@@ -192,18 +200,18 @@ def _read_traces(traces: Traces, trials: Sequence[Trial]) -> dict[str, Trace]:
     return read
 
 
-def _measure_corrected(
+def _measure_corrected_traces(
     session: Session,
     trials: Sequence[Trial],
-    read: Mapping[str, Trace],
-    correct: Callable[[Trace], Trace],
+    traces_by_name: Mapping[str, Trace],
+    correct_trace: Callable[[Trace], Trace],
 ) -> list[Pilot]:
     """Measure trials again, with corrected traces; those that fail are left out."""
     measured = []
     for trial in trials:
-        if trial.name not in read:
+        if trial.name not in traces_by_name:
             continue
-        trace = correct(read[trial.name])
+        trace = correct_trace(traces_by_name[trial.name])
         if not has_ascending_time(trace):
             continue
         try:
@@ -214,20 +222,24 @@ def _measure_corrected(
     return measured
 
 
-def _compare_with_declared(session: Session, measured: Sequence[Pilot]) -> Agreement:
+def _compare_pilots_with_declaration(
+    session: Session, measured_pilots: Sequence[Pilot]
+) -> Agreement:
     """Compute the medians of measured over declared spring and load, and of the friction."""
     ratios = []
-    for trial, features in measured:
+    for trial, features in measured_pilots:
         spring = features["spring_constant_n_per_m"] / session.probe.spring_constant
         load = features["normal_load_n"] / trial.load
         ratios.append((spring, load, features["sliding_friction"]))
     springs, loads, frictions = np.array(ratios, dtype=float).reshape(-1, 3).T
     return Agreement(
-        _find_median_or_one(springs), _find_median_or_one(loads), _find_median_or_one(frictions)
+        _compute_finite_median_or_one(springs),
+        _compute_finite_median_or_one(loads),
+        _compute_finite_median_or_one(frictions),
     )
 
 
-def _find_median_or_one(ratios: Array) -> float:
+def _compute_finite_median_or_one(ratios: Array) -> float:
     """Return the median of the finite ratios; 1 where no ratio is finite."""
     known = ratios[np.isfinite(ratios)]
     if not known.size:
@@ -235,7 +247,9 @@ def _find_median_or_one(ratios: Array) -> float:
     return float(np.median(known))
 
 
-def _refuse_disagreement(session: Session, measured: Sequence[Pilot], agreement: Agreement) -> None:
+def _refuse_disagreement(
+    session: Session, measured_pilots: Sequence[Pilot], agreement: Agreement
+) -> None:
     """Raise `BenchError` with what is wrong where no single slip explains the trials."""
     if not 1.0 / _FAR < agreement.load < _FAR:
         raise BenchError(
@@ -247,66 +261,73 @@ def _refuse_disagreement(session: Session, measured: Sequence[Pilot], agreement:
     raise BenchError(
         f"the ramps show a spring of {1e-3 * declared * agreement.spring:.3g} N/mm, "
         f"`probe.spring_constant` is {1e-3 * declared:.3g} N/mm: "
-        f"{_name_wrong_factor(session, measured, agreement.spring)} [{session.folder}]"
+        f"{_describe_wrong_factor(session, measured_pilots, agreement.spring)} [{session.folder}]"
     )
 
 
-def _name_wrong_factor(session: Session, measured: Sequence[Pilot], spring: float) -> str:
+def _describe_wrong_factor(
+    session: Session, measured_pilots: Sequence[Pilot], spring_ratio: float
+) -> str:
     """Say which of gain, spring, speed and rate is wrong: a wrong gain contradicts the blocks too.
 
-    `spring` is the measured over the declared spring constant [1].
+    `spring_ratio` is the measured over the declared spring constant [1].
     """
-    times = f"{float(f'{1.0 / spring:.2g}'):g}"
-    misfit = _measure_misfit_of_blocks(session, measured, 1.0)
-    misfit_with_gain = _measure_misfit_of_blocks(session, measured, spring)
+    times = f"{float(f'{1.0 / spring_ratio:.2g}'):g}"
+    misfit = _compute_misfit_with_block_heights(session, measured_pilots, 1.0)
+    misfit_with_gain = _compute_misfit_with_block_heights(session, measured_pilots, spring_ratio)
     if misfit_with_gain < _CLEARLY * misfit:
         return (
-            f"`acquisition.channels.tangential.factor` is {spring:.3g} times the right one (forces "
-            f"divided by {spring:.3g} agree with the blocks)"
+            f"`acquisition.channels.tangential.factor` is {spring_ratio:.3g} times the right one "
+            f"(forces divided by {spring_ratio:.3g} agree with the blocks)"
         )
-    if abs(math.log10(spring)) > _UNIT_DECADES:
+    if abs(math.log10(spring_ratio)) > _UNIT_DECADES:
         return f"correct the unit of `trials.columns.speed`, which is {times} times the right one"
     advice = f"correct it, or `trials.columns.speed`: one of them is {times} times the right one"
-    advice += f"; or `acquisition.sample_rate` is {spring:.2g} times the right one"
-    advice += _describe_rate_from_ring(measured, spring)
+    advice += f"; or `acquisition.sample_rate` is {spring_ratio:.2g} times the right one"
+    advice += _describe_rate_from_ring(measured_pilots, spring_ratio)
     if math.isnan(misfit):
         advice += (
-            f"; or `acquisition.channels.tangential.factor` is {spring:.3g} times the right one, "
-            "which the heights of the blocks would tell"
+            f"; or `acquisition.channels.tangential.factor` is {spring_ratio:.3g} times the "
+            "right one, which the heights of the blocks would tell"
         )
     return advice
 
 
-def _describe_rate_from_ring(measured: Sequence[Pilot], rate: float) -> str:
+def _describe_rate_from_ring(measured_pilots: Sequence[Pilot], rate_ratio: float) -> str:
     """Say that the ring also points to a wrong sample rate, if it does; else empty."""
-    rings = np.array([features["ring_frequency_hz"] for _, features in measured], dtype=float)
+    rings = np.array(
+        [features["ring_frequency_hz"] for _, features in measured_pilots], dtype=float
+    )
     known = rings[np.isfinite(rings)]
     if not known.size:
         return ""
     shown = float(np.median(known))
     lowest, highest = USUAL_RING
-    if lowest <= shown <= highest or not lowest <= shown / rate <= highest:
+    if lowest <= shown <= highest or not lowest <= shown / rate_ratio <= highest:
         return ""
     return (
-        f", for which the ring speaks: at the right rate its {shown:.3g} Hz are {shown / rate:.3g} "
+        f", for which the ring speaks: at the right rate its {shown:.3g} Hz are "
+        f"{shown / rate_ratio:.3g} "
         "Hz, as tools ring"
     )
 
 
-def _measure_misfit_of_blocks(session: Session, measured: Sequence[Pilot], gain: float) -> float:
+def _compute_misfit_with_block_heights(
+    session: Session, measured_pilots: Sequence[Pilot], gain: float
+) -> float:
     """Return the median of ``|ln F_px - ln (1)|`` with the tangential force divided by a gain.
 
     It is NaN where the heights of the blocks are not known.
     """
     table = open_trials(session)
-    trials = [pilot.trial for pilot in measured]
+    trials = [pilot.trial for pilot in measured_pilots]
     try:
         _, heights = find_block_heights(session, table.table, trials)
     except StepblocksError:
         return math.nan
     radius = session.probe.tip_radius or PAPER.ball_radius
     figures = []
-    for _, features in measured:
+    for _, features in measured_pilots:
         figures.append(
             (features["sliding_friction"], features["peak_force_n"], features["normal_load_n"])
         )

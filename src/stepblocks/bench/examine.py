@@ -11,10 +11,10 @@ from stepblocks.bench.signal import Tool, Trace
 from stepblocks.bench.signal.features import (
     Features,
     Measurement,
-    measure_censored,
+    measure_censored_trace,
     measure_trace,
 )
-from stepblocks.bench.signal.screening import screen_trace
+from stepblocks.bench.signal.screening import find_trace_fault
 from stepblocks.bench.traces import Traces
 from stepblocks.bench.trials import Trial
 
@@ -98,7 +98,7 @@ def examine_trial(traces: Traces, trial: Trial, tool: Tool | None) -> Examinatio
     session = traces.session
     acquisition = session.acquisition
     trace = traces.read(trial.record or trial.name)
-    fault = screen_trace(trace, acquisition.sample_rate, acquisition.range)
+    fault = find_trace_fault(trace, acquisition.sample_rate, acquisition.range)
     if fault is not None:
         return Examination(trace, fault=fault)
     try:
@@ -115,24 +115,24 @@ def measure_trial(traces: Traces, trial: Trial, tool: Tool | None = None) -> Tri
     try:
         examination = examine_trial(traces, trial, tool)
     except TraceError as error:
-        return TrialResult(trial, _put_in_one_line(error.fault))
+        return TrialResult(trial, _join_fault_lines(error.fault))
     if examination.measurement is not None:
-        digest = _compute_digest(examination.trace)
+        digest = _compute_force_digest(examination.trace)
         return TrialResult(trial, None, examination.measurement.features, digest)
     fault = examination.fault
     if fault is None or fault.bound is None:
         return TrialResult(trial, fault)
     spring_constant = traces.session.probe.spring_constant
-    features = measure_censored(examination.trace, spring_constant, trial.speed, fault.bound)
+    features = measure_censored_trace(examination.trace, spring_constant, trial.speed, fault.bound)
     return TrialResult(trial, fault, features)
 
 
-def _put_in_one_line(fault: TrialFault) -> TrialFault:
+def _join_fault_lines(fault: TrialFault) -> TrialFault:
     """Return the same fault; the messages of libraries may have several lines."""
     return TrialFault(fault.kind, " ".join(fault.details.split()), fault.bound)
 
 
-def _compute_digest(trace: Trace) -> int:
+def _compute_force_digest(trace: Trace) -> int:
     """Hash the samples of both forces to an integer."""
     samples = trace.tangential.tobytes() + trace.normal.tobytes()
     digest = blake2b(samples, digest_size=_DIGEST_BYTES)

@@ -13,7 +13,7 @@ import pandas as pd
 
 from stepblocks.bench.examine import TrialResult, TrialStatus
 from stepblocks.bench.faults import FaultKind, TrialFault
-from stepblocks.bench.labels import find_shared_faults
+from stepblocks.bench.labels import find_shared_label_faults
 from stepblocks.bench.signal.features import FEATURE_COLUMNS
 from stepblocks.files.tables import escape_formula
 
@@ -63,7 +63,7 @@ class FeatureRow:
         return replace(self, status=TrialStatus.EXCLUDED, fault=fault, values=nothing)
 
 
-def build_row(result: TrialResult, covariates: Sequence[str]) -> FeatureRow:
+def build_feature_row(result: TrialResult, covariates: Sequence[str]) -> FeatureRow:
     """Return the row of one result."""
     trial = result.trial
     conditions = tuple(trial.cells.get(name, "") for name in covariates)
@@ -95,16 +95,16 @@ class RowSpool:
 
     def append(self, row: FeatureRow) -> None:
         """Add a row at the end."""
-        self._file.write(_serialise_row(row) + "\n")
+        self._file.write(_format_row_as_json(row) + "\n")
 
     def __iter__(self) -> Iterator[FeatureRow]:
         """Go through the rows from the first; none may be added meanwhile."""
         self._file.seek(0)
         for line in self._file:
-            yield _parse_row(line)
+            yield _parse_json_row(line)
 
 
-def _serialise_row(row: FeatureRow) -> str:
+def _format_row_as_json(row: FeatureRow) -> str:
     """Return a row as a line of JSON with all digits of its numbers."""
     fault = None
     if row.fault is not None:
@@ -121,7 +121,7 @@ def _serialise_row(row: FeatureRow) -> str:
     )
 
 
-def _parse_row(line: str) -> FeatureRow:
+def _parse_json_row(line: str) -> FeatureRow:
     """Return the row of a line of JSON, without the bound of a censored trial."""
     fields = json.loads(line)
     fault = None
@@ -159,13 +159,15 @@ class LabelledRows:
     ) -> None:
         self._rows = rows
         self._faults = faults
-        self.shared = find_shared_faults(_yield_measured(rows, covariates), faults)
+        self.shared = find_shared_label_faults(
+            _iterate_measured_conditions(rows, covariates), faults
+        )
 
     def __iter__(self) -> Iterator[FeatureRow]:
         for row in self._rows:
-            yield self._mark_mislabelled(row)
+            yield self._flag_mislabelled_row(row)
 
-    def _mark_mislabelled(self, row: FeatureRow) -> FeatureRow:
+    def _flag_mislabelled_row(self, row: FeatureRow) -> FeatureRow:
         """Mark a sound row by the fault of its label, unless the fault is shared."""
         fault = self._faults.get(row.row)
         if fault is None or row.status is not TrialStatus.OK or row.row in self.shared:
@@ -173,7 +175,7 @@ class LabelledRows:
         return row.with_fault(fault)
 
 
-def _yield_measured(
+def _iterate_measured_conditions(
     rows: RowStore, covariates: Sequence[str]
 ) -> Iterator[tuple[int, dict[str, str]]]:
     """Yield row and conditions of each trial that was measured whole."""
@@ -182,7 +184,7 @@ def _yield_measured(
             yield row.row, dict(zip(covariates, row.conditions, strict=True))
 
 
-def write_rows(rows: Iterable[FeatureRow], covariates: Sequence[str], path: Path) -> None:
+def write_feature_rows(rows: Iterable[FeatureRow], covariates: Sequence[str], path: Path) -> None:
     """Write a table of features as CSV."""
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
@@ -190,11 +192,11 @@ def write_rows(rows: Iterable[FeatureRow], covariates: Sequence[str], path: Path
         writer.writerow([*LEADING_COLUMNS, *conditions, *FEATURE_COLUMNS])
         for row in rows:
             texts = [row.trial, row.status.value, row.reason, *row.conditions]
-            values = map(_format_value, row.values)
+            values = map(_format_feature_value, row.values)
             writer.writerow([*map(escape_formula, texts), *values])
 
 
-def _format_value(value: float | str) -> str:
+def _format_feature_value(value: float | str) -> str:
     """Write a feature to nine significant digits; empty where it is not known."""
     if isinstance(value, str):
         return value
@@ -203,15 +205,15 @@ def _format_value(value: float | str) -> str:
     return f"{value:.9g}"
 
 
-def build_frame(rows: Sequence[FeatureRow], covariates: Sequence[str]) -> pd.DataFrame:
+def build_feature_frame(rows: Sequence[FeatureRow], covariates: Sequence[str]) -> pd.DataFrame:
     """Return a table of features, with the values that its file holds."""
     statuses = [row.status.value for row in rows]
     reasons = [escape_formula(row.reason) for row in rows]
     leading = pd.DataFrame({"status": statuses, "reason": reasons})
-    conditions = _build_conditions(rows, covariates)
+    conditions = _build_condition_frame(rows, covariates)
     columns = {}
     for index, name in enumerate(FEATURE_COLUMNS):
-        values = [_round_value(row.values[index]) for row in rows]
+        values = [_round_feature_value(row.values[index]) for row in rows]
         columns[name] = pd.Series(values)
     features = pd.DataFrame(columns)
     return pd.concat(
@@ -219,16 +221,16 @@ def build_frame(rows: Sequence[FeatureRow], covariates: Sequence[str]) -> pd.Dat
     )
 
 
-def _round_value(value: float | str) -> float | str:
+def _round_feature_value(value: float | str) -> float | str:
     """Round a feature to the nine significant digits of the file; infinities are not known."""
     if isinstance(value, str):
         return value
     if not math.isfinite(value):
         return math.nan
-    return float(_format_value(value))
+    return float(_format_feature_value(value))
 
 
-def _build_conditions(rows: Sequence[FeatureRow], covariates: Sequence[str]) -> pd.DataFrame:
+def _build_condition_frame(rows: Sequence[FeatureRow], covariates: Sequence[str]) -> pd.DataFrame:
     """Return the trials and their conditions, with the types that pandas finds in their texts."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")

@@ -41,7 +41,7 @@ class _Note(NamedTuple):
     scale: float
     unit: str
 
-    def describe(self, features: Features) -> str:
+    def format_line(self, features: Features) -> str:
         """Return the line of the feature with its standard uncertainty."""
         value = features[self.feature] * self.scale
         std = features[self.std] * self.scale
@@ -114,8 +114,8 @@ def draw_trials(
         for trial in chosen:
             with suppress(TraceError):
                 examination = examine_trial(traces, trial, tool)
-                path = output / _name_figure(trial)
-                _draw_trial(declared.title, trial, examination, path)
+                path = output / _make_figure_file_name(trial)
+                _draw_trial_figure(declared.title, trial, examination, path)
                 drawn.append(path)
     return drawn
 
@@ -138,13 +138,13 @@ def _find_trials_by_name(table: TrialTable, names: list[str] | None) -> list[Tri
     return chosen
 
 
-def _name_figure(trial: Trial) -> str:
+def _make_figure_file_name(trial: Trial) -> str:
     """Return the file name of the figure of a trial."""
     name = re.sub(r"[^A-Za-z0-9._-]", "_", trial.name)
     return f"trial-{name}.png"
 
 
-def _draw_trial(title: str, trial: Trial, examination: Examination, path: Path) -> None:
+def _draw_trial_figure(title: str, trial: Trial, examination: Examination, path: Path) -> None:
     """Draw both forces of a trial: the tangential one whole and near the release."""
     trace, measurement = examination.trace, examination.measurement
     figure, (whole, near, normal) = make_figure_and_axes(3, 1, width=11.0, height=8.5)
@@ -156,11 +156,11 @@ def _draw_trial(title: str, trial: Trial, examination: Examination, path: Path) 
         caption = f"excluded: {examination.fault}"
         release = float(trace.time[0])
     else:
-        caption = "\n".join(note.describe(measurement.features) for note in _NOTES)
+        caption = "\n".join(note.format_line(measurement.features) for note in _NOTES)
         release = measurement.start + measurement.peak.time
-        curves = list(_yield_fitted_curves(trace, measurement))
+        curves = list(_iterate_fitted_curves(trace, measurement))
     for axes in (whole, near):
-        _draw_tangential(axes, trace, curves)
+        _draw_tangential_force(axes, trace, curves)
     near.set_xlim(1e3 * (release - _BEFORE_RELEASE), 1e3 * (release + _AFTER_RELEASE))
     near.text(0.99, 0.97, caption, transform=near.transAxes, ha="right", va="top", fontsize=8)
     whole.legend(loc="upper right", fontsize=8, frameon=False)
@@ -169,7 +169,7 @@ def _draw_trial(title: str, trial: Trial, examination: Examination, path: Path) 
     save_figure(figure, path)
 
 
-def _draw_tangential(axes: "Axes", trace: Trace, curves: list[_Curve]) -> None:
+def _draw_tangential_force(axes: "Axes", trace: Trace, curves: list[_Curve]) -> None:
     """Draw the measured tangential force and the curves that were fitted to it."""
     time = 1e3 * trace.time
     axes.plot(time, trace.tangential, ".", color=_LINE, markersize=1.8, label="measured")
@@ -178,7 +178,7 @@ def _draw_tangential(axes: "Axes", trace: Trace, curves: list[_Curve]) -> None:
     axes.set_ylabel("tangential force / N")
 
 
-def _yield_fitted_curves(trace: Trace, measurement: Measurement) -> Iterator[_Curve]:
+def _iterate_fitted_curves(trace: Trace, measurement: Measurement) -> Iterator[_Curve]:
     """Yield the curves that were fitted to the tangential force: sliding, ramp and ring."""
     approach, after = measurement.approach, measurement.aftermath
     release = measurement.peak.time

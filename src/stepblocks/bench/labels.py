@@ -67,16 +67,16 @@ class LabelCheck:
         self.numbers.extend((trial.load, trial.speed))
         self.numbers.extend(features.get(name, math.nan) for name in _FEATURES)
 
-    def find_faults(self) -> dict[int, LabelFault]:
+    def find_label_faults(self) -> dict[int, LabelFault]:
         """Find every trial whose trace belongs elsewhere; the result has its fault by its row."""
         trials = self._collect_trials()
         faults: dict[int, LabelFault] = {}
         _add_load_faults(trials, faults)
         _add_unit_faults(trials, faults)
         _add_ramp_faults(trials, faults)
-        _add_duplicates(trials, faults)
+        _add_duplicate_faults(trials, faults)
         _add_block_faults(trials, faults)
-        _suggest_exchanges(trials, faults)
+        _add_exchange_hints(trials, faults)
         return faults
 
     def _collect_trials(self) -> "_LabelledTrials":
@@ -110,45 +110,47 @@ class _LabelledTrials:
     def find_usual_stiffness(self) -> float:
         """Return the median of ramp over speed [N/m]; NaN where none is known."""
         ratios = self.slope / self.speed
-        return _find_median(ratios[np.isfinite(ratios)])
+        return _compute_median(ratios[np.isfinite(ratios)])
 
 
-def _find_median(values: Array) -> float:
+def _compute_median(values: Array) -> float:
     """Return the median, or NaN where there are no values."""
     if not values.size:
         return math.nan
     return float(np.median(values))
 
 
-def _mark_deviating(ratio: Array, usual: float, factor: float) -> NDArray[np.bool_]:
+def _mark_deviating_ratios(ratios: Array, usual_ratio: float, factor: float) -> NDArray[np.bool_]:
     """Mark the finite ratios that differ from the usual one by more than a factor."""
     with np.errstate(invalid="ignore", divide="ignore"):
-        return np.isfinite(ratio) & ((ratio > usual * factor) | (ratio < usual / factor))
+        return np.isfinite(ratios) & (
+            (ratios > usual_ratio * factor) | (ratios < usual_ratio / factor)
+        )
 
 
 def _add_ratio_faults(
     trials: _LabelledTrials,
     faults: dict[int, LabelFault],
-    ratio: Array,
-    factor: float,
+    ratios: Array,
+    largest_factor: float,
     evidence: Evidence,
-    describe: Callable[[int], str],
+    describe_contradiction: Callable[[int], str],
 ) -> None:
     """Note the trials whose ratio is off the median of the session by more than a factor."""
-    usual = _find_median(ratio[np.isfinite(ratio)])
-    may_be_units = _mark_deviating(ratio, usual, _UNIT_FACTOR)
-    for index in np.flatnonzero(_mark_deviating(ratio, usual, factor)).tolist():
+    usual = _compute_median(ratios[np.isfinite(ratios)])
+    may_be_units = _mark_deviating_ratios(ratios, usual, _UNIT_FACTOR)
+    for index in np.flatnonzero(_mark_deviating_ratios(ratios, usual, largest_factor)).tolist():
         kind = FaultKind.MISLABELLED
         if may_be_units[index]:
             kind = FaultKind.UNITS_CHANGED
-        fault = LabelFault(kind, describe(index), evidence=evidence)
+        fault = LabelFault(kind, describe_contradiction(index), evidence=evidence)
         faults.setdefault(int(trials.rows[index]), fault)
 
 
 def _add_load_faults(trials: _LabelledTrials, faults: dict[int, LabelFault]) -> None:
     """Note the trials whose normal force does not follow the load as that of the session does."""
     # a zero or a gain of the gauge shifts all trials along one line, and is no matter of labels
-    usual_force = fit_load_line(trials.load, trials.normal)
+    usual_force = fit_normal_force_line(trials.load, trials.normal)
     ratio = trials.normal / usual_force(trials.load)
     _add_ratio_faults(
         trials, faults, ratio, _LOAD_FACTOR, Evidence.LOAD, trials.describe_load_contradiction
@@ -159,8 +161,8 @@ def _add_unit_faults(trials: _LabelledTrials, faults: dict[int, LabelFault]) -> 
     """Note all trials where the session as a whole has another unit of force than its table."""
     ratio = trials.normal / trials.load
     known = np.flatnonzero(np.isfinite(ratio))
-    usual = _find_median(ratio[known])
-    if not _mark_deviating(np.array([usual]), 1.0, _WILD_FACTOR)[0]:
+    usual = _compute_median(ratio[known])
+    if not _mark_deviating_ratios(np.array([usual]), 1.0, _WILD_FACTOR)[0]:
         return
     for index in known.tolist():
         details = trials.describe_load_contradiction(index)
@@ -188,7 +190,7 @@ def _add_ramp_faults(trials: _LabelledTrials, faults: dict[int, LabelFault]) -> 
     )
 
 
-def _add_duplicates(trials: _LabelledTrials, faults: dict[int, LabelFault]) -> None:
+def _add_duplicate_faults(trials: _LabelledTrials, faults: dict[int, LabelFault]) -> None:
     """Note the trials without another fault whose samples stand for two rows."""
     first_rows: dict[int, int] = {}  # first row of each digest
     for index in np.argsort(trials.rows, kind="stable"):
@@ -221,25 +223,27 @@ def _add_block_faults(trials: _LabelledTrials, faults: dict[int, LabelFault]) ->
         faults.setdefault(int(trials.rows[index]), fault)
 
 
-def _find_blocks_with_same_angle(angle: Array, block: NDArray[np.uint64]) -> dict[int, int]:
+def _find_blocks_with_same_angle(
+    critical_angles: Array, block_numbers: NDArray[np.uint64]
+) -> dict[int, int]:
     """Find trials whose angle fits another block better than their own, and that block.
 
     Angles [rad] and blocks have shape (n,); the result has the other block by the trial's index.
     """
-    size = np.sin(0.5 * angle)
+    size = np.sin(0.5 * critical_angles)
     known = np.isfinite(size)
-    names, counts = np.unique(block[known], return_counts=True)
+    names, counts = np.unique(block_numbers[known], return_counts=True)
     names = names[counts >= _FEWEST]
     if len(names) < 2:
         return {}
-    medians = np.array([np.median(size[known & (block == name)]) for name in names])
-    trials = np.flatnonzero(known & np.isin(block, names))
-    of_own_block = medians[np.searchsorted(names, block[trials])]
+    medians = np.array([np.median(size[known & (block_numbers == name)]) for name in names])
+    trials = np.flatnonzero(known & np.isin(block_numbers, names))
+    of_own_block = medians[np.searchsorted(names, block_numbers[trials])]
     miss = np.abs(size[trials] - of_own_block)
     spread = float(np.median(miss / _SIGMA_PER_MEDIAN))
     distances = np.abs(size[trials, None] - medians)
     nearest = names[distances.argmin(axis=1)]
-    is_elsewhere = nearest != block[trials]
+    is_elsewhere = nearest != block_numbers[trials]
     fits_elsewhere = distances.min(axis=1) < _CLOSE_SHARE * miss
     least_miss = np.maximum(_ANGLE_SIGMAS * spread, _ANGLE_SHARE * of_own_block)
     wrong = is_elsewhere & fits_elsewhere & (miss > least_miss)
@@ -247,7 +251,7 @@ def _find_blocks_with_same_angle(angle: Array, block: NDArray[np.uint64]) -> dic
     return dict(zip(indices, map(int, nearest[wrong]), strict=True))
 
 
-def _suggest_exchanges(trials: _LabelledTrials, faults: dict[int, LabelFault]) -> None:
+def _add_exchange_hints(trials: _LabelledTrials, faults: dict[int, LabelFault]) -> None:
     """Add to the faults of two rows that an exchange of their records would agree with both."""
     usual = trials.find_usual_stiffness()
     places = {int(row): index for index, row in enumerate(trials.rows)}
@@ -260,7 +264,7 @@ def _suggest_exchanges(trials: _LabelledTrials, faults: dict[int, LabelFault]) -
         exchanged = pair[::-1]
         ramps = trials.slope[pair] / usual / trials.speed[exchanged]
         loads = trials.normal[pair] / trials.load[exchanged]
-        disagrees = _mark_deviating(ramps, 1.0, _EXCHANGED) | _mark_deviating(
+        disagrees = _mark_deviating_ratios(ramps, 1.0, _EXCHANGED) | _mark_deviating_ratios(
             loads, 1.0, _EXCHANGED
         )
         if np.any(disagrees):
@@ -275,14 +279,14 @@ def _suggest_exchanges(trials: _LabelledTrials, faults: dict[int, LabelFault]) -
             faults[row] = replace(fault, details=fault.details + hint)
 
 
-def fit_load_line(load: Array, normal: Array) -> Callable[[Array], Array]:
+def fit_normal_force_line(loads: Array, normal_forces: Array) -> Callable[[Array], Array]:
     """Fit the normal forces of a session against their loads by a line.
 
     A minority of wrong rows does not move it.
 
     Parameters
     ----------
-    load, normal : Array
+    loads, normal_forces : Array
         Shape (n,), declared load and measured normal force [N]; NaN where unknown.
 
     Returns
@@ -292,29 +296,29 @@ def fit_load_line(load: Array, normal: Array) -> Callable[[Array], Array]:
     """
     from scipy.stats import theilslopes
 
-    known = np.isfinite(load) & np.isfinite(normal)
-    load, normal = load[known], normal[known]
-    levels, counts = np.unique(load, return_counts=True)
+    known = np.isfinite(loads) & np.isfinite(normal_forces)
+    loads, normal_forces = loads[known], normal_forces[known]
+    levels, counts = np.unique(loads, return_counts=True)
     levels = levels[counts >= _FEW]
     if levels.size > _MOST_LEVELS:
-        levels = np.quantile(load, np.linspace(0.0, 1.0, _MOST_LEVELS))
+        levels = np.quantile(loads, np.linspace(0.0, 1.0, _MOST_LEVELS))
     if levels.size < _FEWEST_LEVELS:
         usual_gain = 1.0
         if known.any():
-            usual_gain = float(np.median(normal / load))
+            usual_gain = float(np.median(normal_forces / loads))
         return lambda loads: usual_gain * loads
-    nearest = np.abs(load[:, None] - levels).argmin(axis=1)
+    nearest = np.abs(loads[:, None] - levels).argmin(axis=1)
     usual_loads, usual_forces = [], []
     for level in range(levels.size):
-        usual_loads.append(np.median(load[nearest == level]))
-        usual_forces.append(np.median(normal[nearest == level]))
+        usual_loads.append(np.median(loads[nearest == level]))
+        usual_forces.append(np.median(normal_forces[nearest == level]))
     line = theilslopes(np.array(usual_forces), np.array(usual_loads))
     gain, zero = line.slope, line.intercept
     return lambda loads: np.maximum(zero + gain * loads, _LEAST_GAIN * gain * loads)
 
 
-def find_shared_faults(
-    rows: Iterable[tuple[int, Mapping[str, str]]], faults: Mapping[int, TrialFault]
+def find_shared_label_faults(
+    conditions_by_row: Iterable[tuple[int, Mapping[str, str]]], faults: Mapping[int, TrialFault]
 ) -> dict[int, str]:
     """Find mislabelled trials that share a label or two, or follow one another.
 
@@ -322,7 +326,7 @@ def find_shared_faults(
 
     Parameters
     ----------
-    rows : iterable of (int, mapping)
+    conditions_by_row : iterable of (int, mapping)
         Row of each measured trial, and its cells by their columns.
     faults : mapping of int to TrialFault
         Faults by row.
@@ -333,11 +337,11 @@ def find_shared_faults(
         Rows that are data, each with the name of its group, such as ``trials of operator B``.
     """
     groups = _TrialGroups()
-    for row, cells in rows:
+    for row, cells in conditions_by_row:
         fault = faults.get(row)
         is_flagged = fault is not None and fault.kind is FaultKind.MISLABELLED
         groups.add(row, cells, is_flagged=is_flagged)
-    return groups.find_shared()
+    return groups.find_flagged_groups()
 
 
 class _TrialGroups:
@@ -355,14 +359,14 @@ class _TrialGroups:
         """Count one trial; trials come in the order of the table."""
         for name, value in cells.items():
             self._levels.setdefault(name, set()).add(value)
-        self._follow_run(row, is_flagged=is_flagged)
-        labels = self._list_labels(cells)
+        self._update_flagged_run(row, is_flagged=is_flagged)
+        labels = self._list_labels_and_pairs(cells)
         self._counts.update(labels)
         if is_flagged:
             self._flagged_cells[row] = dict(cells)
             self._flagged_counts.update(labels)
 
-    def _follow_run(self, row: int, *, is_flagged: bool) -> None:
+    def _update_flagged_run(self, row: int, *, is_flagged: bool) -> None:
         """Note the flagged trials that follow one another without a sound one between."""
         if not is_flagged:
             self._run = []
@@ -372,7 +376,7 @@ class _TrialGroups:
             name = f"trials of the rows {self._run[0]} to {self._run[-1]}"
             self._shared |= dict.fromkeys(self._run, name)
 
-    def _list_labels(self, cells: Mapping[str, str]) -> list[Labels]:
+    def _list_labels_and_pairs(self, cells: Mapping[str, str]) -> list[Labels]:
         """List the labels of a trial, and the pairs of them, that others may share."""
         usable = sorted(name for name in cells if len(self._levels[name]) <= _MOST_LEVELS)
         labels: list[Labels] = [((name, cells[name]),) for name in usable]
@@ -380,7 +384,7 @@ class _TrialGroups:
             labels.append(((first, cells[first]), (second, cells[second])))
         return labels
 
-    def find_shared(self) -> dict[int, str]:
+    def find_flagged_groups(self) -> dict[int, str]:
         """Find the flagged rows whose group is mostly flagged; the most flagged names them."""
 
         def rank(labels: Labels) -> tuple[float, int]:
@@ -389,7 +393,7 @@ class _TrialGroups:
 
         shared = dict(self._shared)
         for labels in sorted(self._counts, key=rank):
-            if not self._explains_flags(labels):
+            if not self._is_mostly_flagged(labels):
                 continue
             name = "trials of " + ", ".join(f"{column} {value}" for column, value in labels)
             for row, cells in self._flagged_cells.items():
@@ -397,7 +401,7 @@ class _TrialGroups:
                     shared.setdefault(row, name)
         return shared
 
-    def _explains_flags(self, labels: Labels) -> bool:
+    def _is_mostly_flagged(self, labels: Labels) -> bool:
         """Tell whether most trials of a group are flagged, and its labels take several levels."""
         for name, _ in labels:
             if not 1 < len(self._levels[name]) <= _MOST_LEVELS:

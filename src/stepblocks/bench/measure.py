@@ -23,19 +23,19 @@ from stepblocks.bench.feature_table import (
     LabelledRows,
     RowSpool,
     RowStore,
-    build_frame,
-    build_row,
-    write_rows,
+    build_feature_frame,
+    build_feature_row,
+    write_feature_rows,
 )
 from stepblocks.bench.labels import LabelCheck
-from stepblocks.bench.outcome import count_outcomes, list_notes
+from stepblocks.bench.outcome import count_trial_outcomes, list_session_notes
 from stepblocks.bench.session import open_session
 from stepblocks.bench.signal import Tool
-from stepblocks.bench.signal.features import FEATURE_COLUMNS, average_tool
+from stepblocks.bench.signal.features import FEATURE_COLUMNS, estimate_tool_from_features
 from stepblocks.bench.traces import Traces
 from stepblocks.bench.trials import Trial, TrialTable, open_trials
 from stepblocks.compute.cores import count_cores
-from stepblocks.compute.processes import end_with_parent
+from stepblocks.compute.processes import arrange_end_with_parent
 from stepblocks.errors import BenchError, PipelineError
 from stepblocks.files.atomic import write_atomically
 from stepblocks.files.layout import UNDECLARED, TableLayout
@@ -122,18 +122,18 @@ def measure_session(
     path = None
     if output is not None:
         path = Path(output)
-    table = _open_table(Path(session), path, layout)
+    table = _open_trial_table(Path(session), path, layout)
     store: list[FeatureRow] = []
-    with _limit_threads():
-        rows = list(_measure_rows(table, store, jobs, progress, tool))
-    count_outcomes(rows, table)
+    with _limit_blas_threads():
+        rows = list(_measure_into_store(table, store, jobs, progress, tool))
+    count_trial_outcomes(rows, table)
     if path is not None:
         with write_atomically(path) as draft:
-            write_rows(rows, table.covariates, draft)
-    return build_frame(rows, table.covariates)
+            write_feature_rows(rows, table.covariates, draft)
+    return build_feature_frame(rows, table.covariates)
 
 
-def write_features(
+def measure_session_to_file(
     session: str | Path,
     output: str | Path,
     *,
@@ -147,19 +147,19 @@ def write_features(
     Parameters and errors are those of `measure_session`, which returns the table itself.
     """
     path = Path(output)
-    table = _open_table(Path(session), path, layout)
+    table = _open_trial_table(Path(session), path, layout)
     with tempfile.TemporaryFile("w+", encoding="utf-8", prefix="stepblocks-measure-") as file:
-        with _limit_threads():
-            rows = _measure_rows(table, RowSpool(file), jobs, progress, tool)
-        outcomes = count_outcomes(rows, table)
+        with _limit_blas_threads():
+            rows = _measure_into_store(table, RowSpool(file), jobs, progress, tool)
+        outcomes = count_trial_outcomes(rows, table)
         with write_atomically(path) as draft:
-            write_rows(rows, table.covariates, draft)
-    excluded = outcomes.count_excluded()
-    notes = list_notes(table, outcomes, rows.shared)
+            write_feature_rows(rows, table.covariates, draft)
+    excluded = outcomes.count_excluded_by_heading()
+    notes = list_session_notes(table, outcomes, rows.shared)
     return MeasureSummary(table.count, excluded.total(), dict(excluded), tuple(notes))
 
 
-def _limit_threads() -> AbstractContextManager[object]:
+def _limit_blas_threads() -> AbstractContextManager[object]:
     """Limit the linear algebra of this process to one thread while traces are measured.
 
     The matrices are small: threads only wait for each other, at full load.
@@ -168,7 +168,7 @@ def _limit_threads() -> AbstractContextManager[object]:
     return limits
 
 
-def _open_table(session: Path, output: Path | None, layout: TableLayout) -> TrialTable:
+def _open_trial_table(session: Path, output: Path | None, layout: TableLayout) -> TrialTable:
     """Open the table of trials; refuse an output that cannot be, before anything is measured."""
     reserved = frozenset((*LEADING_COLUMNS, *FEATURE_COLUMNS))
     table = open_trials(open_session(session, layout), reserved)
@@ -185,7 +185,7 @@ def check_output(session: Path, output: Path) -> None:
         raise PipelineError(f"output must not replace a file of the session, got {str(output)!r}")
 
 
-def _measure_rows(
+def _measure_into_store(
     table: TrialTable,
     store: RowStore,
     jobs: int | None,
@@ -194,23 +194,23 @@ def _measure_rows(
 ) -> LabelledRows:
     """Measure all trials into a store; return its rows with the faults of their labels."""
     check = LabelCheck()
-    results = _yield_results(table, _count_processes(jobs, table.count), tool)
+    results = _iterate_results(table, _choose_process_count(jobs, table.count), tool)
     for done, result in enumerate(results, start=1):
         if result.fault is None:
             check.add(result.trial, result.features, result.digest)
-        store.append(build_row(result, table.covariates))
+        store.append(build_feature_row(result, table.covariates))
         if progress is not None:
             progress(done, table.count)
-    return LabelledRows(store, table.covariates, check.find_faults())
+    return LabelledRows(store, table.covariates, check.find_label_faults())
 
 
-def _count_processes(jobs: int | None, trials: int) -> int:
+def _choose_process_count(jobs: int | None, trial_count: int) -> int:
     """Return the number of processes asked for, else of cores; refuse one out of range.
 
     Where none is asked for, few trials occupy fewer processes than there are cores.
     """
     if jobs is None:
-        return max(min(count_cores(), trials // _FEWEST_TRIALS), 1)
+        return max(min(count_cores(), trial_count // _FEWEST_TRIALS), 1)
     if not 1 <= jobs <= _MOST_JOBS:
         raise PipelineError(f"`jobs` must lie between 1 and {_MOST_JOBS}, got {jobs}")
     return jobs
@@ -226,12 +226,12 @@ def estimate_tool(traces: Traces, table: TrialTable) -> Tool | None:
     BenchError
         If the same trials show that the session is not what session.toml declares.
     """
-    with _limit_threads():
+    with _limit_blas_threads():
         results = measure_pilots(traces, table)
     warn_of_notes(traces.notes, traces.session.acquisition.traces)
-    check_pilots(traces, results)
+    check_pilots_against_session(traces, results)
     sound = [result for result in results if result.fault is None]
-    return average_tool(result.features for result in sound)
+    return estimate_tool_from_features(result.features for result in sound)
 
 
 def measure_pilots(
@@ -254,7 +254,7 @@ def measure_pilots(
     return results
 
 
-def check_pilots(traces: Traces, results: list[TrialResult]) -> None:
+def check_pilots_against_session(traces: Traces, results: list[TrialResult]) -> None:
     """Hold some measured trials against session.toml.
 
     Raises
@@ -262,7 +262,7 @@ def check_pilots(traces: Traces, results: list[TrialResult]) -> None:
     BenchError
         If they show that the session is not what session.toml declares.
     """
-    _check_rates(traces, results)
+    _refuse_wrong_sample_rate(traces, results)
     pilots = []
     for result in results:
         if result.trial.fault is None:
@@ -273,7 +273,7 @@ def check_pilots(traces: Traces, results: list[TrialResult]) -> None:
     check_declarations(traces, pilots)
 
 
-def _check_rates(traces: Traces, results: list[TrialResult]) -> None:
+def _refuse_wrong_sample_rate(traces: Traces, results: list[TrialResult]) -> None:
     """Refuse a session whose trials all have another sample rate than is declared."""
     for result in results:
         if result.fault is None or result.fault.kind is not FaultKind.WRONG_RATE:
@@ -282,18 +282,22 @@ def _check_rates(traces: Traces, results: list[TrialResult]) -> None:
         raise BenchError(f"{results[0].fault} [{traces.session.folder}]")
 
 
-def _yield_results(table: TrialTable, jobs: int, tool: Tool | None) -> Iterator[TrialResult]:
+def _iterate_results(
+    table: TrialTable, process_count: int, tool: Tool | None
+) -> Iterator[TrialResult]:
     """Yield the results in the order of the table, measured by so many processes."""
     with Traces(table.session) as traces:  # what is wrong with the whole is said here, once
         tool = tool or estimate_tool(traces, table)
-        if jobs == 1 or table.count <= _CHUNK:
+        if process_count == 1 or table.count <= _CHUNK:
             for trial in table:
                 yield measure_trial(traces, trial, tool)
             return
-    yield from _yield_over_processes(table, jobs, tool)
+    yield from _iterate_results_over_processes(table, process_count, tool)
 
 
-def _yield_over_processes(table: TrialTable, jobs: int, tool: Tool | None) -> Iterator[TrialResult]:
+def _iterate_results_over_processes(
+    table: TrialTable, process_count: int, tool: Tool | None
+) -> Iterator[TrialResult]:
     """Yield the results in the order of the table; few chunks per worker are under way."""
     # its workers do not load the calling script again, which then needs no main guard, and share no
     # open file
@@ -304,9 +308,11 @@ def _yield_over_processes(table: TrialTable, jobs: int, tool: Tool | None) -> It
     environment = {name: "1" for name in _THREAD_LIMITS if name not in os.environ}
     session = table.session
     measure_chunk = partial(_measure_chunk, session.folder, session.layout)
-    with ProcessPoolExecutor(jobs, initializer=end_with_parent, env=environment) as pool:
+    with ProcessPoolExecutor(
+        process_count, initializer=arrange_end_with_parent, env=environment
+    ) as pool:
         while True:
-            while len(waiting) < jobs * _AHEAD:
+            while len(waiting) < process_count * _AHEAD:
                 chunk = list(islice(trials, _CHUNK))
                 if not chunk:
                     break
@@ -317,7 +323,7 @@ def _yield_over_processes(table: TrialTable, jobs: int, tool: Tool | None) -> It
 
 
 @cache
-def open_traces_once(folder: Path, layout: TableLayout) -> Traces:
+def open_cached_traces(folder: Path, layout: TableLayout) -> Traces:
     """Open the one session of a worker; its folder stands for it, as notes cannot be hashed."""
     return Traces(open_session(folder, layout))
 
@@ -326,5 +332,5 @@ def _measure_chunk(
     folder: Path, layout: TableLayout, tool: Tool | None, trials: list[Trial]
 ) -> list[TrialResult]:
     """Measure some trials in a worker, which keeps its session open."""
-    traces = open_traces_once(folder, layout)
+    traces = open_cached_traces(folder, layout)
     return [measure_trial(traces, trial, tool) for trial in trials]

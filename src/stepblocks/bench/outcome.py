@@ -33,7 +33,7 @@ class OutcomeCounts:
     counts: Counter[_Outcome] = field(default_factory=Counter)
     examples: dict[str, str] = field(default_factory=dict)
 
-    def count_excluded(self) -> Counter[str]:
+    def count_excluded_by_heading(self) -> Counter[str]:
         """Return how many trials are excluded, by the heading of the reason."""
         excluded: Counter[str] = Counter()
         for outcome, count in self.counts.items():
@@ -50,7 +50,7 @@ class OutcomeCounts:
         return notes
 
 
-def count_outcomes(rows: Iterable[FeatureRow], table: TrialTable) -> OutcomeCounts:
+def count_trial_outcomes(rows: Iterable[FeatureRow], table: TrialTable) -> OutcomeCounts:
     """Count what became of the trials of a session.
 
     Raises
@@ -64,17 +64,19 @@ def count_outcomes(rows: Iterable[FeatureRow], table: TrialTable) -> OutcomeCoun
             heading = row.fault.heading
             outcomes.counts[_Outcome(row.status, heading)] += 1
             outcomes.examples.setdefault(heading, row.reason)
-    excluded = outcomes.count_excluded()
+    excluded = outcomes.count_excluded_by_heading()
     if excluded.total() == table.count:
         ((heading, count),) = excluded.most_common(1)
         raise PipelineError(
-            f"no trial of {table.count} could be measured; {_count_times(count)} "
+            f"no trial of {table.count} could be measured; {_format_times(count)} "
             f"{outcomes.examples[heading]} [{table.session.folder}]"
         )
     return outcomes
 
 
-def list_notes(table: TrialTable, outcomes: OutcomeCounts, shared: Mapping[int, str]) -> list[str]:
+def list_session_notes(
+    table: TrialTable, outcomes: OutcomeCounts, shared: Mapping[int, str]
+) -> list[str]:
     """Say what a reader should know of a session.
 
     Parameters
@@ -97,7 +99,7 @@ def list_notes(table: TrialTable, outcomes: OutcomeCounts, shared: Mapping[int, 
     return notes
 
 
-def _count_times(count: int) -> str:
+def _format_times(count: int) -> str:
     """Say how often something happened."""
     return "once" if count == 1 else f"{count} times"
 

@@ -12,8 +12,8 @@ _WHOLE_NUMBER = re.compile(r"([+-]?\d{1,18})(?:\.0{1,18})?")
 _DRIVE = re.compile(r"\s*[A-Za-z]:")
 
 
-def check_pattern(pattern: str, field: str, place: str) -> None:
-    """Allow no braces in `pattern` but those of `field`, such as ``{trial}`` or ``{trial:04d}``.
+def check_file_pattern(pattern: str, allowed_field: str, setting_path: str) -> None:
+    """Allow no braces in `pattern` but `allowed_field`, such as ``{trial}`` or ``{trial:04d}``.
 
     Raises
     ------
@@ -23,18 +23,19 @@ def check_pattern(pattern: str, field: str, place: str) -> None:
 
     def remove_field(match: re.Match[str]) -> str:
         """Return an empty text for the allowed field, any other match as it is."""
-        if match["name"] == field:
+        if match["name"] == allowed_field:
             return ""
         return match[0]
 
     remainder = _FIELD.sub(remove_field, pattern)
     if "{" in remainder or "}" in remainder or not pattern.strip():
         raise BenchError(
-            f"`{place}` may hold {{{field}}}, {{{field}:04d}} and no other braces, got {pattern!r}"
+            f"`{setting_path}` may hold {{{allowed_field}}}, {{{allowed_field}:04d}} and no other "
+            f"braces, got {pattern!r}"
         )
 
 
-def fill_pattern(pattern: str, **values: str) -> str:
+def fill_file_pattern(pattern: str, **values: str) -> str:
     """Fill a checked pattern; `TraceError` where it wants a whole number and the value is none."""
 
     def fill_field(match: re.Match[str]) -> str:
@@ -54,7 +55,7 @@ def fill_pattern(pattern: str, **values: str) -> str:
     return _FIELD.sub(fill_field, pattern)
 
 
-def resolve_inside(folder: Path, relative: str, place: str) -> Path:
+def resolve_path_inside_session(folder: Path, relative: str, setting_path: str) -> Path:
     """Return a path below `folder`, whichever slashes it is written with.
 
     Raises
@@ -65,5 +66,5 @@ def resolve_inside(folder: Path, relative: str, place: str) -> Path:
     path = PurePosixPath(relative.replace("\\", "/"))
     leads_out = path.is_absolute() or ".." in path.parts
     if leads_out or "\0" in relative or _DRIVE.match(relative):
-        raise BenchError(f"`{place}` must lie inside the session, got {relative!r}")
+        raise BenchError(f"`{setting_path}` must lie inside the session, got {relative!r}")
     return folder.joinpath(*path.parts)

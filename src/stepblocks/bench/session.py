@@ -19,8 +19,8 @@ from pydantic import (
 )
 
 from stepblocks.bench.calibration import Calibration, Frequency, Probe, Strict
-from stepblocks.bench.channel import Channel, DimensionedChannel, check_channels
-from stepblocks.bench.patterns import check_pattern, resolve_inside
+from stepblocks.bench.channel import Channel, DimensionedChannel, check_channel_settings
+from stepblocks.bench.patterns import check_file_pattern, resolve_path_inside_session
 from stepblocks.errors import BenchError
 from stepblocks.files.decode import normalise_encoding_name
 from stepblocks.files.layout import UNDECLARED, TableLayout
@@ -47,17 +47,17 @@ _VOLTS = {"V": 1.0, "mV": 1e-3}
 _FULL_SCALE = re.compile(r"(?P<number>[-+.\deE]+)\s*(?P<unit>V|mV)?")
 
 
-def _convert_voltage_text(value: object) -> object:
+def _convert_full_scale_to_volts(full_scale: object) -> object:
     """Turn a full scale into volts, or a plain number in the unit of the channels."""
-    if not isinstance(value, str):
-        return value
-    match = _FULL_SCALE.fullmatch(value.strip())
+    if not isinstance(full_scale, str):
+        return full_scale
+    match = _FULL_SCALE.fullmatch(full_scale.strip())
     if match is None:
-        raise ValueError(f'must be a number or a voltage such as "10 V", got {value!r}')
+        raise ValueError(f'must be a number or a voltage such as "10 V", got {full_scale!r}')
     return float(match["number"]) * _VOLTS[match["unit"] or "V"]
 
 
-_FullScale = Annotated[float, BeforeValidator(_convert_voltage_text), Field(gt=0.0, le=1e9)]
+_FullScale = Annotated[float, BeforeValidator(_convert_full_scale_to_volts), Field(gt=0.0, le=1e9)]
 _Delimiter = Annotated[str, Field(min_length=1, max_length=1)]
 _Decimal = Literal[".", ","]
 _Encoding = Annotated[str, AfterValidator(normalise_encoding_name)]
@@ -74,12 +74,12 @@ class Channels(Strict):
     def _check_units(self) -> Self:
         """Refuse units, factors and tares of the channels that cannot be read."""
         places = {}
-        for name, channel in self.pair_with_dimensions().items():
+        for name, channel in self.map_names_to_dimensioned_channels().items():
             places[f"acquisition.channels.{name}"] = channel
-        check_channels(places, have_time=True)
+        check_channel_settings(places, have_time=True)
         return self
 
-    def pair_with_dimensions(self) -> dict[str, DimensionedChannel]:
+    def map_names_to_dimensioned_channels(self) -> dict[str, DimensionedChannel]:
         """Return the declared channels by their names, each with its dimension."""
         channels = {
             "tangential": DimensionedChannel(self.tangential, "force"),
@@ -205,7 +205,7 @@ class TrialColumns(Strict):
         for name, dimension in _DIMENSIONS.items():
             channel = getattr(self, name)
             places[f"trials.columns.{name}"] = DimensionedChannel(channel, dimension)
-        check_channels(places, have_time=False)
+        check_channel_settings(places, have_time=False)
         return self
 
 
@@ -291,9 +291,9 @@ class Session(Strict):
     @property
     def table(self) -> Path:
         """File of the table of trials."""
-        return resolve_inside(self.folder, self.trials.file, "trials.file")
+        return resolve_path_inside_session(self.folder, self.trials.file, "trials.file")
 
-    def declare(self, layout: TableLayout) -> "Session":
+    def apply_text_layout(self, layout: TableLayout) -> "Session":
         """Return the session with what is declared of its texts in place of what the file says."""
         fields = {
             "delimiter": layout.separator,
@@ -335,16 +335,16 @@ def open_session(folder: str | Path, layout: TableLayout = UNDECLARED) -> Sessio
     session = None
     try:
         session = Session.model_validate(fields)
-        mistakes += _yield_contradictions(session)
+        mistakes += _iterate_contradictions(session)
     except ValidationError as error:
         mistakes += list_mistakes(error, Session, fields)
-    mistakes += _list_mistakes_of_patterns(declared, folder)
+    mistakes += _list_file_pattern_mistakes(declared, folder)
     if mistakes or session is None:
         raise BenchError(format_mistakes(mistakes, path))
-    return session.declare(layout)
+    return session.apply_text_layout(layout)
 
 
-def _yield_contradictions(session: Session) -> Iterator[Mistake]:
+def _iterate_contradictions(session: Session) -> Iterator[Mistake]:
     """Yield what is wrong with a session whose fields are sound one by one."""
     spring = session.probe.spring_constant
     calibrated = session.calibration.spring_constant
@@ -363,15 +363,15 @@ def _yield_contradictions(session: Session) -> Iterator[Mistake]:
         )
 
 
-def _list_mistakes_of_patterns(declared: Document, folder: Path) -> list[Mistake]:
+def _list_file_pattern_mistakes(declared: Document, folder: Path) -> list[Mistake]:
     """List what is wrong with the patterns of file names, also where other fields are unsound."""
     mistakes: list[Mistake] = []
     traces = _find_unvalidated_text(declared, "acquisition", "traces")
     if traces is not None:
         place = "acquisition.traces"
         with collect_mistakes(mistakes):
-            check_pattern(traces, "trial", place)
-            resolve_inside(folder, traces, place)
+            check_file_pattern(traces, "trial", place)
+            resolve_path_inside_session(folder, traces, place)
             is_split = bool((declared.get("acquisition") or {}).get("split"))
             holds_all_trials = traces.lower().endswith(".csv") and "{" not in traces
             if holds_all_trials and not is_split:
@@ -379,13 +379,13 @@ def _list_mistakes_of_patterns(declared: Document, folder: Path) -> list[Mistake
     group = _find_unvalidated_text(declared, "acquisition", "group")
     if group is not None:
         with collect_mistakes(mistakes):
-            check_pattern(group, "trial", "acquisition.group")
-            resolve_inside(folder, group, "acquisition.group")
+            check_file_pattern(group, "trial", "acquisition.group")
+            resolve_path_inside_session(folder, group, "acquisition.group")
     scans = _find_unvalidated_text(declared, "stimuli", "scans")
     if scans is not None:
         with collect_mistakes(mistakes):
-            check_pattern(scans, "block", "stimuli.scans")
-            resolve_inside(folder, scans, "stimuli.scans")
+            check_file_pattern(scans, "block", "stimuli.scans")
+            resolve_path_inside_session(folder, scans, "stimuli.scans")
     return mistakes
 
 

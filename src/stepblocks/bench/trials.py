@@ -136,11 +136,11 @@ class TrialTable:
             row,
             named,
             block=named.get(block_column, "").strip(),
-            fault=self._find_fault(row, name, len(cells)),
+            fault=self._find_row_fault(row, name, len(cells)),
             record=self.swapped.get(name, name),
         )
 
-    def _find_fault(self, row: int, name: str, cell_count: int) -> TrialFault | None:
+    def _find_row_fault(self, row: int, name: str, cell_count: int) -> TrialFault | None:
         """Say why a row cannot be used; None where it can."""
         if name in self.excluded:
             details = "left out by `trials.exclude` of session.toml"
@@ -191,10 +191,10 @@ def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> Tri
     BenchError
         With all that is wrong with header or rows.
     """
-    table = _read_table(session)
+    table = _read_trial_table(session)
     header = table.names
     key = _find_trial_column(session, table, reserved)
-    rows = _scan_rows(table, header.index(key))
+    rows = _scan_for_repeated_trials(table, header.index(key))
     if rows.count == 0:
         raise BenchError(f"table of trials has no rows [{session.table}]")
     declared_names = _match_declared_trials(session, rows.names)
@@ -213,7 +213,7 @@ def open_trials(session: Session, reserved: frozenset[str] = frozenset()) -> Tri
     )
 
 
-def _read_table(session: Session) -> TextTable:
+def _read_trial_table(session: Session) -> TextTable:
     """Read header and rows of the table of trials, rows of another length as they are."""
     declared = session.trials
     layout = TableLayout(declared.delimiter, declared.decimal, declared.encoding, declared.missing)
@@ -292,7 +292,7 @@ class _RowScan:
     repeated: dict[int, TrialFault] = field(default_factory=dict)
     count: int = 0
 
-    def add(self, row: int, name: str, cells: list[str]) -> None:
+    def add_row(self, row: int, name: str, cells: list[str]) -> None:
         """Note one row with a name."""
         content = hash(tuple(cells))
         first_row, first_content = self.names.setdefault(name, (row, content))
@@ -308,16 +308,16 @@ class _RowScan:
         self.repeated[row] = fault
 
 
-def _scan_rows(table: TextTable, key: int) -> _RowScan:
-    """Look through the rows for repeated trials; `key` is the index of the trial's column."""
+def _scan_for_repeated_trials(table: TextTable, trial_column_index: int) -> _RowScan:
+    """Look through the rows for repeated trials, by the index of the trial's column."""
     scan = _RowScan()
     for row, cells in enumerate(table.rows, start=1):
         scan.count = row
-        if key >= len(cells):
+        if trial_column_index >= len(cells):
             continue
-        name = cells[key].strip()
+        name = cells[trial_column_index].strip()
         if name:
-            scan.add(row, name, cells)
+            scan.add_row(row, name, cells)
     return scan
 
 

@@ -12,10 +12,10 @@ import pandas as pd
 
 from stepblocks.bench.examine import MEASURING_ERRORS, TrialStatus, examine_trial
 from stepblocks.bench.faults import TraceError
-from stepblocks.bench.measure import check_output, estimate_tool, open_traces_once
+from stepblocks.bench.measure import check_output, estimate_tool, open_cached_traces
 from stepblocks.bench.session import open_session
 from stepblocks.bench.signal import Estimate, Tool, Trace
-from stepblocks.bench.signal.features import Features, Measurement, list_energy_features
+from stepblocks.bench.signal.features import Features, Measurement, compute_energy_features
 from stepblocks.bench.signal.whole_record import WholeRecord, fit_whole_record
 from stepblocks.bench.traces import Traces
 from stepblocks.bench.trials import Trial, open_trials
@@ -57,7 +57,7 @@ class RecordRow:
     record: WholeRecord | None = None
     features: Features | None = None
 
-    def list_differing(self) -> list[str]:
+    def list_contradicted_features(self) -> list[str]:
         """List the features that the whole record contradicts."""
         if self.record is None or self.features is None:
             return []
@@ -91,7 +91,7 @@ class RecordSummary:
     shapes: dict[str, int]
 
 
-def compare_whole_records(
+def write_whole_record_comparison(
     session: str | Path,
     output: str | Path,
     jobs: int | None = None,
@@ -126,7 +126,7 @@ def compare_whole_records(
     for row in rows:
         if row.record is not None:
             shapes[row.record.shape] = shapes.get(row.record.shape, 0) + 1
-        if row.list_differing():
+        if row.list_contradicted_features():
             differing += 1
     return RecordSummary(
         total=len(rows),
@@ -154,12 +154,12 @@ def fit_session_records(
     chunks = list(iter(lambda: tuple(islice(trials, _CHUNK)), ()))
     calls = [(folder, layout, tool, chunk) for chunk in chunks]
     rows: list[RecordRow] = []
-    for done in run_in_processes(fit_records, calls, jobs or count_cores()):
+    for done in run_in_processes(fit_whole_records, calls, jobs or count_cores()):
         rows += done
     return rows
 
 
-def replace_by_whole_records(
+def replace_features_by_whole_records(
     features: pd.DataFrame, rows: Sequence[RecordRow], spring_constant: float
 ) -> pd.DataFrame:
     """Return a table of features in which peak, ring and energy are those of the whole records.
@@ -197,18 +197,18 @@ def _list_record_features(record: WholeRecord, spring_constant: float) -> dict[s
             continue
         estimate: Estimate = getattr(record, attribute)
         cells |= {name: estimate.value, std_name: estimate.std}
-    return cells | list_energy_features(record.ring_amplitude, spring_constant)
+    return cells | compute_energy_features(record.ring_amplitude, spring_constant)
 
 
-def fit_records(
+def fit_whole_records(
     folder: Path, layout: TableLayout, tool: Tool | None, trials: Sequence[Trial]
 ) -> list[RecordRow]:
     """Fit the whole records of some trials of a session."""
-    traces = open_traces_once(folder, layout)
-    return [_fit_record(traces, tool, trial) for trial in trials]
+    traces = open_cached_traces(folder, layout)
+    return [_fit_whole_record_of_trial(traces, tool, trial) for trial in trials]
 
 
-def _fit_record(traces: Traces, tool: Tool | None, trial: Trial) -> RecordRow:
+def _fit_whole_record_of_trial(traces: Traces, tool: Tool | None, trial: Trial) -> RecordRow:
     """Fit the whole record of one trial, beginning where its features are."""
     if trial.fault is not None:
         return RecordRow(trial.name, str(trial.fault))
@@ -219,7 +219,7 @@ def _fit_record(traces: Traces, tool: Tool | None, trial: Trial) -> RecordRow:
     if examination.measurement is None:
         return RecordRow(trial.name, str(examination.fault))
     features = examination.measurement.features
-    trace = _subtract_hum(examination.trace, examination.measurement)
+    trace = _subtract_mains_hum(examination.trace, examination.measurement)
     ring = Tool(float(features["ring_frequency_hz"]), float(features["decay_time_s"]))
     if not (math.isfinite(ring.frequency) and math.isfinite(ring.decay_time)):
         return RecordRow(trial.name, _WITHOUT_RING, features=features)
@@ -236,7 +236,7 @@ def _fit_record(traces: Traces, tool: Tool | None, trial: Trial) -> RecordRow:
     return RecordRow(trial.name, reason, record, features)
 
 
-def _subtract_hum(trace: Trace, measurement: Measurement) -> Trace:
+def _subtract_mains_hum(trace: Trace, measurement: Measurement) -> Trace:
     """Take the hum that the approach shows out of the tangential force."""
     hum = measurement.approach.compute_hum(trace.time - measurement.start)
     return replace(trace, tangential=trace.tangential - hum)
@@ -256,10 +256,10 @@ def write_record_rows(rows: Sequence[RecordRow], path: Path) -> None:
         writer = csv.DictWriter(file, columns, lineterminator="\n", restval="")
         writer.writeheader()
         for row in rows:
-            writer.writerow(_describe_row(row))
+            writer.writerow(_make_row_cells(row))
 
 
-def _describe_row(row: RecordRow) -> dict[str, object]:
+def _make_row_cells(row: RecordRow) -> dict[str, object]:
     """Describe one trial as cells of the table."""
     record = row.record
     status = TrialStatus.EXCLUDED if record is None else TrialStatus.OK
@@ -272,7 +272,7 @@ def _describe_row(row: RecordRow) -> dict[str, object]:
             "release_time_s": record.release_time.value,
             "release_time_std_s": record.release_time.std,
             "noise_n": record.noise,
-            "differs": " ".join(row.list_differing()),
+            "differs": " ".join(row.list_contradicted_features()),
         }
     for name, std_name, attribute in _QUANTITIES:
         if record is not None:

@@ -113,7 +113,7 @@ class _Plot:
         """Sample the critical angle [deg], which exists up to the radius of the tip."""
 
         def compute_degrees(height: Array) -> Array:
-            degrees: Array = np.degrees(kernels.compute_angle_on_step(height, self.radius))
+            degrees: Array = np.degrees(kernels.compute_edge_contact_angle(height, self.radius))
             return degrees
 
         return self._sample_curve("critical angle", self.radius, compute_degrees)
@@ -122,7 +122,7 @@ class _Plot:
         """Sample the vibration energy [uJ] up to the largest force of the tool."""
 
         def compute_microjoules(height: Array) -> Array:
-            angle = kernels.compute_angle_on_step(height, self.radius)
+            angle = kernels.compute_edge_contact_angle(height, self.radius)
             force = kernels.compute_pull_force(self.load, angle, friction)
             energies: Array = kernels.compute_stored_energy(force, self.tool.stiffness)
             return 1e6 * self.tool.conversion * energies

@@ -22,7 +22,7 @@ from stepblocks.build.manifest import (
     write_sealed_json,
 )
 from stepblocks.compute.cores import count_cores
-from stepblocks.compute.processes import prepare_workers
+from stepblocks.compute.processes import preload_for_workers
 from stepblocks.compute.seam import run_calls
 from stepblocks.files.atomic import make_draft_folder, move_into_place, sync_folder
 from stepblocks.files.confined import read_in_this_process
@@ -115,7 +115,7 @@ def build_stimuli(
         yield from run_calls(build_stimulus, calls, jobs=1, in_order=False)
         yield from map(predict_declared_set, predicted)
         return
-    prepare_workers("stepblocks.build.worker")
+    preload_for_workers("stepblocks.build.worker")
     with _start_predictions(predicted) as predictions:
         yield from run_calls(build_stimulus, calls, jobs=processes, in_order=False)
         for prediction in predictions:

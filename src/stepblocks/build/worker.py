@@ -9,7 +9,7 @@ import signal
 from contextlib import suppress
 from importlib import import_module
 
-from stepblocks.compute.collector import pause_collector
+from stepblocks.compute.collector import pause_garbage_collector
 
 _MODULES = (
     "stepblocks.artefacts.check",
@@ -37,7 +37,7 @@ _LIBRARIES = (
 )
 
 signal.signal(signal.SIGINT, signal.SIG_IGN)
-with pause_collector():
+with pause_garbage_collector():
     for module in _MODULES:
         import_module(module)
     for library in _LIBRARIES:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 import lazy_loader
 
 from stepblocks.cad import door as door
-from stepblocks.compute.collector import pause_collector
+from stepblocks.compute.collector import pause_garbage_collector
 
 if TYPE_CHECKING:
     from stepblocks.cad import kernel as kernel, pmi as pmi
@@ -15,5 +15,5 @@ _load, __dir__, __all__ = lazy_loader.attach(__name__, submodules=["kernel", "pm
 
 def __getattr__(name: str) -> Any:
     """Load a submodule with its libraries."""
-    with pause_collector():
+    with pause_garbage_collector():
         return _load(name)

@@ -146,10 +146,10 @@ def _write_planned_session(
     `then` is the command that the user is told to go on with.
     """
     from stepblocks.files.tables import format_csv
-    from stepblocks.rehearse.plan import read_plan
+    from stepblocks.rehearse.plan import read_session_plan
     from stepblocks.rehearse.run import format_session_toml
 
-    planned = read_plan(plan)
+    planned = read_session_plan(plan)
     # what a bench shows and nobody sets is no part of a plan
     shown_by_bench = {"temperature_c": "", "humidity_pct": ""}
     rows = [row | shown_by_bench for row in planned.list_trial_rows()]

@@ -17,10 +17,10 @@ def open_shown_cluster(
     if on is None:
         yield None
         return
-    from stepblocks.compute.cluster import find_dashboard_address, open_cluster
+    from stepblocks.compute.cluster import get_dashboard_address, open_cluster
 
     with open_cluster(on, jobs) as client:
         assert client is not None  # a place was named
         if not quiet:
-            print(f"dashboard: {find_dashboard_address(client)}", file=sys.stderr)
+            print(f"dashboard: {get_dashboard_address(client)}", file=sys.stderr)
         yield client

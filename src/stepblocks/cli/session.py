@@ -165,7 +165,7 @@ def measure(
     Reads a bench session and writes one row of features per trial, with standard uncertainties.
     Trials that cannot be measured stay in the table with status `excluded` and the reason.
     """
-    from stepblocks.bench.measure import check_output, write_features
+    from stepblocks.bench.measure import check_output, measure_session_to_file
 
     if check is not None:
         if plots is not None or whole_record is not None:
@@ -175,7 +175,7 @@ def measure(
         raise PipelineError("--trials says which trials --plots draws: give --plots, too")
     if whole_record is not None:
         check_output(session, whole_record)
-    summary = write_features(
+    summary = measure_session_to_file(
         session,
         output,
         progress=make_progress("measured trials", quiet=quiet, lines=10),
@@ -199,9 +199,9 @@ def measure(
         "notes": list(summary.notes),
     }
     if whole_record is not None:
-        from stepblocks.bench.whole_records import compare_whole_records
+        from stepblocks.bench.whole_records import write_whole_record_comparison
 
-        compared = compare_whole_records(session, whole_record, jobs, layout)
+        compared = write_whole_record_comparison(session, whole_record, jobs, layout)
         counts = [f"{shape} {count}" for shape, count in compared.shapes.items()]
         shapes = ", ".join(counts) or "none"
         notes.append(
@@ -218,7 +218,7 @@ def _report_session_check(
     session: Path, output: Path, layout: TableLayout, *, quiet: bool
 ) -> Outcome:
     """Hold some trials of a session against what it declares."""
-    from stepblocks.loop.record import convert_to_plain
+    from stepblocks.loop.record import convert_to_json_values
     from stepblocks.loop.session_check import check_session
 
     progress = make_progress("trials held against session.toml", quiet=quiet)
@@ -237,7 +237,7 @@ def _report_session_check(
         {"shown over declared, 95 %": found.rows},
         notes=contradictions,
         code=code,
-        record=convert_to_plain(found),
+        record=convert_to_json_values(found),
     )
 
 

@@ -101,12 +101,12 @@ def open_cluster(on: "str | Client | None", jobs: int | None = None) -> "Iterato
     if on in BATCH_SYSTEMS:
         with (
             _start_batch_cluster(on, jobs or _DEFAULT_JOBS) as started,
-            _connect(started) as client,
+            _connect_to_scheduler(started) as client,
         ):
             yield client
         return
     _refuse_unknown_scheduler(on)
-    with _connect(on) as client:
+    with _connect_to_scheduler(on) as client:
         yield client
 
 
@@ -121,27 +121,27 @@ def _import_distributed() -> Any:
     return distributed
 
 
-def _refuse_unknown_scheduler(on: str) -> None:
+def _refuse_unknown_scheduler(address: str) -> None:
     """Refuse what is neither an address nor a batch system."""
-    protocol, separator, place = on.partition("://")
+    protocol, separator, place = address.partition("://")
     if protocol in ("tcp", "tls", "ucx", "ws", "wss") and separator and place:
         return
     systems = ", ".join(BATCH_SYSTEMS)
     raise PipelineError(
-        f"on must be an address such as tcp://10.0.0.1:8786, or one of {systems}, got {on!r}"
+        f"on must be an address such as tcp://10.0.0.1:8786, or one of {systems}, got {address!r}"
     )
 
 
 @contextmanager
-def _connect(place: Any) -> "Iterator[Client]":
+def _connect_to_scheduler(scheduler: Any) -> "Iterator[Client]":
     """Connect to a scheduler, wait for its first worker, and leave it in the end."""
     distributed = _import_distributed()
     try:
-        client = distributed.Client(place, timeout=f"{_CONNECT_TIMEOUT}s", set_as_default=False)
+        client = distributed.Client(scheduler, timeout=f"{_CONNECT_TIMEOUT}s", set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
         raise PipelineError(
             f"no Dask scheduler answers within {_CONNECT_TIMEOUT} s; start one with "
-            f"`dask scheduler` and its workers with `dask worker ADDRESS` [{place}]"
+            f"`dask scheduler` and its workers with `dask worker ADDRESS` [{scheduler}]"
         ) from error
     try:
         _wait_for_worker(client)
@@ -152,28 +152,28 @@ def _connect(place: Any) -> "Iterator[Client]":
 
 
 @contextmanager
-def _start_batch_cluster(system: str, jobs: int) -> Iterator[Any]:
+def _start_batch_cluster(batch_system: str, jobs: int) -> Iterator[Any]:
     """Start a scheduler here and ask a batch system for workers; end both."""
     try:
         import dask_jobqueue
     except ImportError as error:
         raise PipelineError(
-            f"workers on {system} need dask-jobqueue: install the extra with "
+            f"workers on {batch_system} need dask-jobqueue: install the extra with "
             "pip install 'stepblocks[cluster]'"
         ) from error
     import dask
 
     # any free port for the dashboard: several users share the machine that submits jobs
     settings: dict[str, Any] = {"scheduler_options": {"dashboard_address": ":0"}}
-    if dask.config.get(f"jobqueue.{system}.cores", None) is None:
+    if dask.config.get(f"jobqueue.{batch_system}.cores", None) is None:
         settings["cores"] = 1
         settings["processes"] = 1
-    if dask.config.get(f"jobqueue.{system}.memory", None) is None:
+    if dask.config.get(f"jobqueue.{batch_system}.memory", None) is None:
         settings["memory"] = _DEFAULT_MEMORY
     try:
-        cluster = getattr(dask_jobqueue, BATCH_SYSTEMS[system])(**settings)
+        cluster = getattr(dask_jobqueue, BATCH_SYSTEMS[batch_system])(**settings)
     except (OSError, RuntimeError, ValueError) as error:
-        raise PipelineError(f"{system} cannot be used from here: {error}") from error
+        raise PipelineError(f"{batch_system} cannot be used from here: {error}") from error
     try:
         cluster.scale(jobs=jobs)
         yield cluster
@@ -227,10 +227,10 @@ def run_on_cluster(
     from distributed import CancelledError as CancelledOnClusterError, KilledWorker
 
     versions = collect_versions()
-    _check_cluster_versions(client, versions)
+    _refuse_cluster_of_other_versions(client, versions)
     queue = _Queue(client, _Order(versions, collect_worker_environment(), function), iter(calls))
     try:
-        yield from queue.collect(in_order=in_order)
+        yield from queue.iterate_results(in_order=in_order)
     except KilledWorker as error:
         raise PipelineError(
             "several workers died of the same piece of work: they were ended from outside or ran "
@@ -264,9 +264,9 @@ class _Order:
     settings: Mapping[str, str]  # environment variables of the client
     function: Callable[..., Any]
 
-    def carry_out(self, call: tuple[Any, ...]) -> Any:
+    def call_on_worker(self, call: tuple[Any, ...]) -> Any:
         """Call the function on a worker, which may have joined after the others were checked."""
-        worker = _find_worker_address()
+        worker = _get_worker_address()
         _refuse_other_versions(self.versions, collect_versions(), f"worker {worker}")
         with _ONE_CALL_AT_A_TIME:
             os.environ.update(self.settings)
@@ -305,47 +305,49 @@ class _Queue:
         self._waiting: dict[Future[Any], tuple[Any, ...]] = {}  # in the order of the calls
         self._full_workers: set[str] = set()
 
-    def collect(self, *, in_order: bool) -> Generator[Any]:
+    def iterate_results(self, *, in_order: bool) -> Generator[Any]:
         """Yield the results in the order of the calls, or as they come."""
         try:
             while True:
-                self._fill_up()
+                self._submit_until_full()
                 if not self._waiting:
                     return
                 future = next(iter(self._waiting))
                 if not in_order:
-                    future = self._wait_for_any()
-                result = self._take_result(future)
+                    future = self._wait_for_any_call()
+                result = self._get_result_or_repeat(future)
                 yield result
         finally:
             with suppress(Exception):  # a scheduler that is gone has nothing to cancel
                 self._client.cancel(list(self._waiting))
 
-    def _list_workers(self) -> list[str]:
+    def _list_worker_addresses(self) -> list[str]:
         """Addresses of the workers that are there now."""
         return list(self._client.scheduler_info(n_workers=-1)["workers"])
 
-    def _fill_up(self) -> None:
+    def _submit_until_full(self) -> None:
         """Submit calls until each worker has a few before it."""
-        workers = max(len(self._list_workers()), 1)
+        workers = max(len(self._list_worker_addresses()), 1)
         while len(self._waiting) < _AHEAD * workers:
             call = next(self._calls, None)
             if call is None:
                 return
-            self._waiting[self._submit(call)] = call
+            self._waiting[self._submit_call(call)] = call
 
-    def _submit(self, call: tuple[Any, ...]) -> "Future[Any]":
+    def _submit_call(self, call: tuple[Any, ...]) -> "Future[Any]":
         """Hand a call to the scheduler, for the workers that have room on their disks."""
         allowed = None
         if self._full_workers:
-            allowed = [name for name in self._list_workers() if name not in self._full_workers]
+            allowed = [
+                name for name in self._list_worker_addresses() if name not in self._full_workers
+            ]
         # a key of its own: a call is never answered by what another run left on the scheduler
         key = f"stepblocks-{token_hex(8)}"
         return self._client.submit(
-            self._order.carry_out, call, key=key, workers=allowed, pure=False
+            self._order.call_on_worker, call, key=key, workers=allowed, pure=False
         )
 
-    def _wait_for_any(self) -> "Future[Any]":
+    def _wait_for_any_call(self) -> "Future[Any]":
         """Wait until a call has ended, and return it."""
         from distributed import wait
 
@@ -356,7 +358,7 @@ class _Queue:
                 return future
         raise _SchedulerLostError
 
-    def _take_result(self, future: "Future[Any]") -> Any:
+    def _get_result_or_repeat(self, future: "Future[Any]") -> Any:
         """Return the result of a call; repeat it elsewhere while workers have no room."""
         while True:
             call = self._waiting[future]
@@ -365,12 +367,12 @@ class _Queue:
             if not isinstance(result, _NoRoom):
                 return result
             self._full_workers.add(result.worker)
-            if self._full_workers.issuperset(self._list_workers()):
+            if self._full_workers.issuperset(self._list_worker_addresses()):
                 raise PipelineError(
                     f"no worker of the cluster has room to write: {result.reason} "
                     f"[worker {result.worker}]"
                 )
-            future = self._submit(call)
+            future = self._submit_call(call)
             self._waiting[future] = call
 
 
@@ -386,14 +388,14 @@ def _wait_for_result(client: "Client", future: "Future[Any]") -> Any:
                 raise _SchedulerLostError from None
 
 
-def _find_worker_address() -> str:
+def _get_worker_address() -> str:
     """Return the address of the worker that runs this call, as messages name it."""
     from distributed import get_worker
 
     return str(get_worker().address)
 
 
-def _check_cluster_versions(client: "Client", versions: Versions) -> None:
+def _refuse_cluster_of_other_versions(client: "Client", versions: Versions) -> None:
     """Compare the versions of the scheduler and of all its workers with those of this process.
 
     The scheduler takes calls apart and needs the same code as the workers.
@@ -410,11 +412,13 @@ def _check_cluster_versions(client: "Client", versions: Versions) -> None:
         _refuse_other_versions(versions, theirs, place)
 
 
-def _refuse_other_versions(ours: Versions, theirs: Versions, place: str) -> None:
+def _refuse_other_versions(
+    expected_versions: Versions, found_versions: Versions, place: str
+) -> None:
     """Refuse a place of a cluster where a version is not that of the client, and name both."""
     differences = []
-    for name, expected in ours.items():
-        actual = theirs.get(name, "missing")
+    for name, expected in expected_versions.items():
+        actual = found_versions.get(name, "missing")
         if actual != expected:
             differences.append(f"{name} {actual} there, {expected} here")
     if differences:
@@ -449,13 +453,13 @@ def is_folder_shared(client: "Client", folder: Path) -> bool:
     path = folder.absolute() / f".shared-{token}"
     path.write_text(token, encoding="utf-8", newline="\n")
     try:
-        seen = client.run(_can_read_and_write, str(path), token)
+        seen = client.run(_can_worker_read_and_write, str(path), token)
     finally:
         path.unlink(missing_ok=True)
     return all(seen.values())
 
 
-def _can_read_and_write(path: str, token: str) -> bool:
+def _can_worker_read_and_write(path: str, token: str) -> bool:
     """Tell whether a worker can read what the client wrote, and write beside it."""
     try:
         found = Path(path).read_text(encoding="utf-8")
@@ -464,7 +468,7 @@ def _can_read_and_write(path: str, token: str) -> bool:
         return False
 
 
-def find_dashboard_address(client: "Client") -> str:
+def get_dashboard_address(client: "Client") -> str:
     """Return the address of the page on which Dask shows what its workers do."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 
 
 @contextmanager
-def pause_collector() -> Iterator[None]:
+def pause_garbage_collector() -> Iterator[None]:
     """Let the collector rest while libraries are loaded, and take what is there for old.
 
     The CAD kernel and its neighbours make half a million objects, all of which stay; the collector

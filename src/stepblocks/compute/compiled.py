@@ -16,14 +16,14 @@ import numba as compiler
 __all__ = ["njit", "numba"]
 
 
-def _probe_cache() -> None:
+def _do_nothing_compiled() -> None:
     """Do nothing: it is compiled to try whether Numba can keep compiled functions."""
 
 
-def _load_numba_with_cache() -> Any:
+def _prepare_numba_cache() -> Any:
     """Return Numba; where it can keep compiled functions nowhere, give it a temporary folder."""
     try:
-        compiler.njit(cache=True)(_probe_cache)
+        compiler.njit(cache=True)(_do_nothing_compiled)
     except RuntimeError:
         # nobody else can write to it: Numba trusts what it finds there
         folder = tempfile.mkdtemp(prefix="stepblocks-compiled-")
@@ -33,5 +33,5 @@ def _load_numba_with_cache() -> Any:
     return compiler
 
 
-numba = _load_numba_with_cache()
+numba = _prepare_numba_cache()
 njit = numba.njit

@@ -71,13 +71,13 @@ def compute_code_fingerprint() -> str:
         if path.suffix in _SOURCE_ENDINGS:
             name = path.relative_to(root).as_posix()
             total.update(name.encode() + b"\0" + path.read_bytes())
-    for library, found in _find_versions().items():
+    for library, found in _find_library_versions().items():
         line = f"{library}=={found}\n" if found else f"{library} missing\n"
         total.update(line.encode())
     return total.hexdigest()
 
 
-def _find_versions() -> dict[str, str]:
+def _find_library_versions() -> dict[str, str]:
     """Find the version of each library, empty where it is missing."""
     versions = dict.fromkeys(_SHAPING_LIBRARIES, "")
     for library in _SHAPING_LIBRARIES:
@@ -90,4 +90,4 @@ def collect_environment() -> Environment:
     """Describe Python, platform, C library and libraries of this process."""
     words = [platform.system(), platform.machine(), *platform.libc_ver()]
     system = " ".join(word for word in words if word)
-    return Environment(platform.python_version(), system, _find_versions())
+    return Environment(platform.python_version(), system, _find_library_versions())

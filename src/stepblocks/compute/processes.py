@@ -82,7 +82,7 @@ def _run_in_pool(
     parallel = Parallel(
         n_jobs=jobs,
         return_as="generator" if in_order else "generator_unordered",
-        initializer=_begin_worker,
+        initializer=_initialise_worker,
         initargs=(collect_worker_environment(),),  # workers of other settings are not used again
     )
     yield from parallel(delayed(function)(*call) for call in calls)
@@ -99,7 +99,7 @@ def _run_in_forks(
     pool = ProcessPoolExecutor(
         jobs,
         context=_fork_server.get_context(),
-        initializer=_begin_worker,
+        initializer=_initialise_worker,
         initargs=(collect_worker_environment(),),
     )
     futures: list[Future[R]] = []
@@ -110,11 +110,11 @@ def _run_in_forks(
             yield future.result()
     finally:
         if not all(future.done() for future in futures):
-            _kill_forks(futures)
+            _kill_fork_workers(futures)
         pool.shutdown()
 
 
-def _kill_forks(futures: "Iterable[Future[Any]]") -> None:
+def _kill_fork_workers(futures: "Iterable[Future[Any]]") -> None:
     """Kill the workers that make calls of which nobody wants the results; wait for their ends."""
     import multiprocessing
 
@@ -135,7 +135,7 @@ class _ForkServer:
     def __init__(self) -> None:
         self.is_running = False
 
-    def start(self, module: str) -> None:
+    def start_with_module(self, module: str) -> None:
         """Start it, where this process can; it loads a module while this process goes on."""
         can_fork = sys.platform == "linux" and hasattr(os, "fork")
         if can_fork and _is_command_line():
@@ -155,7 +155,7 @@ class _ForkServer:
 _fork_server = _ForkServer()
 
 
-def prepare_workers(module: str) -> None:
+def preload_for_workers(module_name: str) -> None:
     """Begin to load a module for the workers of the calls that follow, where they can be forked.
 
     It is loaded once and beside what this process does meanwhile, and not in every worker.
@@ -163,10 +163,10 @@ def prepare_workers(module: str) -> None:
 
     Parameters
     ----------
-    module : str
+    module_name : str
         Its name; it imports what the workers need.
     """
-    _fork_server.start(module)
+    _fork_server.start_with_module(module_name)
 
 
 def _is_command_line() -> bool:
@@ -182,13 +182,13 @@ def collect_worker_environment() -> dict[str, str]:
     return {name: text for name, text in os.environ.items() if name.startswith(_OURS)}
 
 
-def _begin_worker(settings: Mapping[str, str]) -> None:
+def _initialise_worker(settings: Mapping[str, str]) -> None:
     """Give a worker the settings of its parent, and let it end with the parent."""
     os.environ.update(settings)
-    end_with_parent()
+    arrange_end_with_parent()
 
 
-def end_with_parent() -> None:
+def arrange_end_with_parent() -> None:
     """Arrange that this process ends when its parent does; call it at a worker's start."""
     import multiprocessing
 
@@ -197,14 +197,14 @@ def end_with_parent() -> None:
     # a fork server stands between and lives as long as we do; who started us without one has no
     # sentinel
     if starter is not None and starter.sentinel is not None:
-        _start_watch(_end_with_starter, starter.sentinel)
-    if not _ask_kernel_to_kill():
-        _start_watch(_end_with_process, parent)
+        _start_watching_thread(_exit_after_sentinel, starter.sentinel)
+    if not _request_kill_with_parent():
+        _start_watching_thread(_exit_after_process, parent)
     if os.getppid() != parent:  # it ended meanwhile
         os._exit(1)
 
 
-def _ask_kernel_to_kill() -> bool:
+def _request_kill_with_parent() -> bool:
     """Ask the kernel to kill this process when its parent ends; return whether it will."""
     import ctypes
 
@@ -215,12 +215,12 @@ def _ask_kernel_to_kill() -> bool:
     return int(answer) == 0
 
 
-def _start_watch(watch: Callable[[int], None], watched: int) -> None:
+def _start_watching_thread(watch: Callable[[int], None], watched: int) -> None:
     """Watch in a thread for the end of another process."""
     threading.Thread(target=watch, args=(watched,), daemon=True).start()
 
 
-def _end_with_starter(sentinel: int) -> None:
+def _exit_after_sentinel(sentinel: int) -> None:
     """End this process when the one with a sentinel has ended."""
     from multiprocessing.connection import wait
 
@@ -228,7 +228,7 @@ def _end_with_starter(sentinel: int) -> None:
     os._exit(1)
 
 
-def _end_with_process(pid: int) -> None:
+def _exit_after_process(pid: int) -> None:
     """End this process when another has ended, on systems whose kernel does not see to it."""
     import psutil
 

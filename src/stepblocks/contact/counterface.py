@@ -20,11 +20,11 @@ from stepblocks.contact.domain import (
     Real,
     Scanned,
     convert_fields_in_place,
-    read_lengths,
     read_number,
+    read_profile_lengths,
     read_values,
-    require_points,
     require_positive,
+    require_profile_points,
     unwrap_scalar,
 )
 from stepblocks.contact.energy import Release, find_release
@@ -36,7 +36,7 @@ from stepblocks.contact.path.centre import (
     FeatureRange,
     Line,
     build_envelope_path,
-    find_outline,
+    build_outline,
 )
 from stepblocks.errors import ContactError
 from stepblocks.quantities import Measure, format_quantity
@@ -119,7 +119,7 @@ class Counterface(ABC):
         """Discs and lines whose upper envelope, grown by a ball, is the path of its centre [m]."""
         x, z = self.section(REACH)
         x[0], x[-1] = -REACH, REACH
-        return find_outline(np.column_stack([x, z]))
+        return build_outline(np.column_stack([x, z]))
 
     def centre_path(self, ball_radius: Measure) -> CentrePath:
         """Path of the centre of a ball, from 5 mm before the edge to 5 mm behind it."""
@@ -167,7 +167,7 @@ class Step(Counterface):
     def angle_slopes(self, ball_radius: float) -> dict[str, float]:
         """Where the edge is met, not the riser."""
         radius = ball_radius + self.edge_radius
-        angle = kernels.compute_angle_on_step(self.height, radius)
+        angle = kernels.compute_edge_contact_angle(self.height, radius)
         by_height = float(1.0 / (radius * np.sin(angle)))
         by_radius = -by_height * self.height / radius
         return {"height": by_height, "edge_radius": by_radius, "ball_radius": by_radius}
@@ -375,12 +375,12 @@ class Profile(Counterface):
 
     def __post_init__(self) -> None:
         for name in ("x", "z"):
-            object.__setattr__(self, name, read_lengths(name, getattr(self, name)))
-        require_points(self.x, self.z)
+            object.__setattr__(self, name, read_profile_lengths(name, getattr(self, name)))
+        require_profile_points(self.x, self.z)
         if self.feature is not None:
-            object.__setattr__(self, "feature", self._read_range(*self.feature))
+            object.__setattr__(self, "feature", self._read_feature_range(*self.feature))
 
-    def _read_range(self, first: object, last: object) -> tuple[float, float]:
+    def _read_feature_range(self, first: object, last: object) -> tuple[float, float]:
         """Read a range of x [m], or refuse one that does not lie within the profile."""
         begin = read_number("feature", first, "length")
         end = read_number("feature", last, "length")
@@ -448,7 +448,7 @@ class Profile(Counterface):
 
     def outline(self) -> tuple[list[Disc], list[Line]]:
         """Take its own points, at most 2000."""
-        return find_outline(np.column_stack([self.x, self.z]))
+        return build_outline(np.column_stack([self.x, self.z]))
 
     def centre_path(self, ball_radius: Measure) -> CentrePath:
         ball = _read_ball_radius(ball_radius)
@@ -487,8 +487,8 @@ class ProfiledMargin(Margin):
         level = super().angles(ball, **mean)
         drawn = super().angles(**inputs)
         return Angles(
-            _shift_angles(drawn.forward, between_sides.forward, level.forward),
-            _shift_angles(drawn.backward, between_sides.backward, level.backward),
+            _shift_angles_to_real_sides(drawn.forward, between_sides.forward, level.forward),
+            _shift_angles_to_real_sides(drawn.backward, between_sides.backward, level.backward),
         )
 
     def section(self, run: float) -> tuple[Array, Array]:
@@ -510,17 +510,19 @@ class ProfiledMargin(Margin):
         )
 
 
-def _shift_angles(drawn: Real, between_sides: float, level: float) -> Array:
+def _shift_angles_to_real_sides(
+    drawn_angles: Real, mean_angle: float, mean_level_angle: float
+) -> Array:
     """Shift angles that are drawn between level sides to those of the sides as they are [rad].
 
     At the mean both kinds of sides are known. Where nothing catches, and at a riser, angles stay.
     """
-    is_climb = (drawn > 0.0) & (drawn < 0.5 * np.pi)
-    shifted = np.clip(between_sides + drawn - level, 0.0, 0.5 * np.pi)
-    return np.asarray(np.where(is_climb, shifted, drawn))
+    is_climb = (drawn_angles > 0.0) & (drawn_angles < 0.5 * np.pi)
+    shifted = np.clip(mean_angle + drawn_angles - mean_level_angle, 0.0, 0.5 * np.pi)
+    return np.asarray(np.where(is_climb, shifted, drawn_angles))
 
 
-def find_scanned_angle(
+def find_critical_angle_of_scan(
     position: NDArray[np.float64], height: NDArray[np.float64], ball_radius: float
 ) -> float | None:
     """Critical angle of a scanned edge.

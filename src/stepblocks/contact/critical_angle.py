@@ -58,7 +58,7 @@ def find_step_angle(height: Real, ball_radius: Real, edge_radius: Real = 0.0) ->
     >>> find_step_angle("25 um", "125 um") == find_step_angle(25e-6, 125e-6)
     True
     """
-    height, ball_radius, edge_radius = _convert_lengths(
+    height, ball_radius, edge_radius = _convert_checked_lengths(
         height=height, ball_radius=ball_radius, edge_radius=edge_radius
     )
     return unwrap_scalar(kernels.compute_step_angle(height, ball_radius + edge_radius))
@@ -104,7 +104,7 @@ def find_margin_angles(opening: Real, rise: Real, ball_radius: Real) -> Angles:
     >>> find_margin_angles(0.0, 25e-6, 125e-6) == (find_step_angle(25e-6, 125e-6), 0.0)
     True
     """
-    opening, rise, ball_radius = _convert_lengths(
+    opening, rise, ball_radius = _convert_checked_lengths(
         opening=opening, rise=rise, ball_radius=ball_radius
     )
     angles = kernels.compute_margin_angles(opening, rise, ball_radius)
@@ -115,7 +115,7 @@ def compute_bevelled_margin_angles(
     gap: Real, opening: Real, rise: Real, ball_radius: Real
 ) -> Angles:
     """`find_margin_angles` where a far side is bevelled at 45 degrees beyond its gap."""
-    gap, rise, ball_radius = _convert_lengths(gap=gap, rise=rise, ball_radius=ball_radius)
+    gap, rise, ball_radius = _convert_checked_lengths(gap=gap, rise=rise, ball_radius=ball_radius)
     opening = np.asarray(opening, dtype=np.float64)[()]
     require_finite("opening", opening, "m")  # below 0 a lip overlaps
     angles = kernels.compute_bevelled_margin_angles(gap, opening, rise, ball_radius)
@@ -125,7 +125,7 @@ def compute_bevelled_margin_angles(
 _RULES = {"ball_radius": require_positive, "rise": require_finite}
 
 
-def _convert_lengths(**lengths: Real) -> list[Real]:
+def _convert_checked_lengths(**lengths: Real) -> list[Real]:
     """Convert lengths to arrays, or single ones to numbers; refuse those that have no angle."""
     arrays = []
     for name, value in lengths.items():

@@ -32,20 +32,21 @@ def format_changed_fields(value: Any) -> str:
 
 
 def convert_fields_in_place(
-    owner: object, low: float | None = None, **bounds: tuple[str, float]
+    instance: object, lower_bound: float | None = None, **bounds: tuple[str, float]
 ) -> None:
     """Convert fields of a frozen dataclass in place: numbers in SI, or texts with their units.
 
-    `bounds` has the dimension of each and the most that it may be; `low` is the least, and without
+    `bounds` has the dimension of each and the most that it may be; `lower_bound` is the least, and
+    without
     it each must be positive.
     """
     for name, (dimension, high) in bounds.items():
-        value = read_number(name, getattr(owner, name), dimension)
-        _require_between(name, value, dimension, low, high)
-        object.__setattr__(owner, name, value)
+        value = read_number(name, getattr(instance, name), dimension)
+        _require_within_bounds(name, value, dimension, lower_bound, high)
+        object.__setattr__(instance, name, value)
 
 
-def _require_between(
+def _require_within_bounds(
     name: str, value: float, dimension: str, low: float | None, high: float
 ) -> None:
     """Refuse a value outside its bounds; without a lower one it must be positive."""
@@ -109,7 +110,7 @@ def require_positive(name: str, value: Real, unit: str = "") -> None:
     if isinstance(value, float) and 0.0 < value < math.inf:
         return  # mostly it is a single float, which needs no array
     is_good = np.isfinite(value) & (value > 0.0)
-    _require(name, value, unit, is_good, "positive and finite")
+    _require_all(name, value, unit, is_good, "positive and finite")
 
 
 def require_not_negative(name: str, value: Real, unit: str = "") -> None:
@@ -117,15 +118,15 @@ def require_not_negative(name: str, value: Real, unit: str = "") -> None:
     if isinstance(value, float) and 0.0 <= value < math.inf:
         return
     is_good = np.isfinite(value) & (value >= 0.0)
-    _require(name, value, unit, is_good, "finite and not negative")
+    _require_all(name, value, unit, is_good, "finite and not negative")
 
 
 def require_finite(name: str, value: Real, unit: str = "") -> None:
     """Refuse a value that is not a number, or infinite."""
-    _require(name, value, unit, np.isfinite(value), "finite")
+    _require_all(name, value, unit, np.isfinite(value), "finite")
 
 
-def require_points(x: NDArray[np.float64], z: NDArray[np.float64]) -> None:
+def require_profile_points(x: NDArray[np.float64], z: NDArray[np.float64]) -> None:
     """Refuse a profile that is not two rows of one length, or whose positions do not ascend."""
     if x.ndim != 1 or x.shape != z.shape:
         raise ContactError(
@@ -151,7 +152,7 @@ def unwrap_scalar(value: Real) -> Real:
     return value
 
 
-def select_where(condition: Real, if_so: Real, otherwise: Real) -> Real:
+def select_by_condition(condition: Real, if_so: Real, otherwise: Real) -> Real:
     """Select as `numpy.where` does, without an array where the condition is a single one."""
     if isinstance(condition, np.ndarray):
         return np.where(condition, if_so, otherwise)
@@ -160,18 +161,18 @@ def select_where(condition: Real, if_so: Real, otherwise: Real) -> Real:
     return otherwise
 
 
-def _require(
-    name: str, value: Real, unit: str, good: NDArray[np.bool_] | np.bool_, rule: str
+def _require_all(
+    name: str, value: Real, unit: str, is_good: NDArray[np.bool_] | np.bool_, rule: str
 ) -> None:
-    """Refuse values of which not all are `good`; the message shows the first that is not."""
-    if good.all():
+    """Refuse values that are not all good; the message shows the first that is not."""
+    if is_good.all():
         return
-    wrong = np.asarray(value)[np.logical_not(good)]
+    wrong = np.asarray(value)[np.logical_not(is_good)]
     message = f"{name} must be {rule}, got {wrong.flat[0]:g} {unit}"
     raise ContactError(message.rstrip())
 
 
-def read_lengths(name: str, values: object) -> NDArray[np.float64]:
+def read_profile_lengths(name: str, values: object) -> NDArray[np.float64]:
     """Read a row of finite lengths [m], none too large for a bench, as an array."""
     try:
         lengths: NDArray[np.float64] = np.ascontiguousarray(read_array(values, "length"))
@@ -181,12 +182,12 @@ def read_lengths(name: str, values: object) -> NDArray[np.float64]:
         raise ContactError(
             f"profile {name} must be numbers [m], got {type(values).__name__}: {error}"
         ) from error
-    if lengths.ndim == 1 and lengths.size:  # else `require_points` refuses it
-        _require_lengths(name, lengths)
+    if lengths.ndim == 1 and lengths.size:  # else `require_profile_points` refuses it
+        _require_profile_lengths(name, lengths)
     return lengths
 
 
-def _require_lengths(name: str, lengths: NDArray[np.float64]) -> None:
+def _require_profile_lengths(name: str, lengths: NDArray[np.float64]) -> None:
     """Refuse lengths [m] that are not finite, or too large for a bench."""
     wrong = np.flatnonzero(~np.isfinite(lengths))
     if wrong.size:

@@ -18,7 +18,7 @@ from stepblocks.contact.domain import (
     read_values,
     require_not_negative,
     require_positive,
-    select_where,
+    select_by_condition,
 )
 from stepblocks.contact.operating_point import PAPER, Tool
 from stepblocks.errors import ContactError
@@ -166,22 +166,22 @@ def find_release(
     mu = np.asarray(read_values("friction", friction, "ratio"))[()]
     require_positive("normal_load", load, "N")
     require_not_negative("friction", mu)
-    _require_angles(a)
+    _require_angles_up_to_right(a)
     geometry = _classify_geometry(a, mu)
     is_releasing = geometry == _Geometry.RELEASES
-    climbed = select_where(is_releasing, a, 0.0)
+    climbed = select_by_condition(is_releasing, a, 0.0)
     pull = kernels.compute_pull_force(load, climbed, mu)
     no_force = math.nan * (a + load + mu)  # in the shape of all three
-    force = select_where(is_releasing, pull, no_force)
+    force = select_by_condition(is_releasing, pull, no_force)
     limit = tool.limits.first
     is_beyond = is_releasing & (force > limit.force)
     stored = kernels.compute_stored_energy(force, tool.stiffness)
-    energy = select_where(is_beyond, math.nan, tool.conversion * stored)
+    energy = select_by_condition(is_beyond, math.nan, tool.conversion * stored)
     power = energy / tool.ring_duration
     threshold_ratio = power / tool.detection_threshold
     figures = (a, force, energy, power, threshold_ratio)
     statuses = (*_STATUSES, _BEYOND_LIMIT[limit.name])
-    which = select_where(is_beyond, len(_STATUSES), geometry)
+    which = select_by_condition(is_beyond, len(_STATUSES), geometry)
     if np.ndim(force) == 0:
         return Release(statuses[which], *map(float, figures))
     return Release(*np.broadcast_arrays(np.array(statuses)[which], *figures))
@@ -199,7 +199,7 @@ class _Geometry(IntEnum):
 _STATUSES = (Status.NO_CATCH, Status.TOO_HIGH, Status.LOCKED, Status.RELEASES)
 
 
-def _require_angles(angle: Any) -> None:
+def _require_angles_up_to_right(angle: Any) -> None:
     """Refuse an angle outside 0 to a right angle [rad]."""
     is_inside = (angle >= 0.0) & (angle <= 0.5 * math.pi)
     if is_inside.all():
@@ -212,6 +212,6 @@ def _require_angles(angle: Any) -> None:
 def _classify_geometry(angle: Any, friction: Any) -> Any:
     """Find the first `_Geometry` that holds, of a number or for each of an array."""
     is_locked = angle + np.arctan(friction) >= 0.5 * math.pi
-    climbs = select_where(is_locked, _Geometry.LOCKED, _Geometry.RELEASES)
-    rises = select_where(angle == 0.5 * math.pi, _Geometry.TOO_HIGH, climbs)
-    return select_where(angle == 0.0, _Geometry.NO_CATCH, rises)
+    climbs = select_by_condition(is_locked, _Geometry.LOCKED, _Geometry.RELEASES)
+    rises = select_by_condition(angle == 0.5 * math.pi, _Geometry.TOO_HIGH, climbs)
+    return select_by_condition(angle == 0.0, _Geometry.NO_CATCH, rises)

@@ -34,14 +34,14 @@ def find_energy_change(
     >>> f"{find_energy_change(Step(25e-6), Step(26e-6), PAPER):+.1%}"
     '+5.4%'
     """
-    first = _resolve_release(before, point, backward)
-    second = _resolve_release(after, point, backward)
+    first = _get_release_over_surface(before, point, backward)
+    second = _get_release_over_surface(after, point, backward)
     if first.status is not Status.RELEASES or second.status is not Status.RELEASES:
         return math.nan
     return float(second.vibration_energy / first.vibration_energy - 1.0)
 
 
-def _resolve_release(
+def _get_release_over_surface(
     surface: Counterface | Scanned | Release, point: OperatingPoint, backward: bool
 ) -> Release:
     """Return the release over a surface; a release is returned as it is."""

@@ -204,8 +204,8 @@ def build_event_record(event: VibrationEvent, scale: float = 1.0) -> dict[str, o
     if event.waveform is None:
         waveform = _EXPONENTIAL
     record = {
-        **_describe_release(event, scale),
-        **_describe_frequency(tool),
+        **_make_release_fields(event, scale),
+        **_make_frequency_fields(tool),
         "limit_n": limit,
         "decay_s": tool.decay_time,
         "stiffness_n_per_m": tool.stiffness,
@@ -217,13 +217,13 @@ def build_event_record(event: VibrationEvent, scale: float = 1.0) -> dict[str, o
         "energy_rule": _RULE,
     }
     if event.waveform is not None:
-        record |= _describe_waveform(event.waveform)
+        record |= _make_waveform_fields(event.waveform)
     if event.learned is not None:
-        record["learned"] = replace_not_finite_by_none(_describe_learned(event.learned))
-    return replace_not_finite_by_none(record)
+        record["learned"] = replace_non_finite_by_none(_make_learned_fields(event.learned))
+    return replace_non_finite_by_none(record)
 
 
-def _describe_release(event: VibrationEvent, scale: float) -> dict[str, object]:
+def _make_release_fields(event: VibrationEvent, scale: float) -> dict[str, object]:
     """Describe where and how the probe releases, lengths magnified by a scale."""
     shown_position = event.trigger_position * scale
     shown_height = event.trigger_height * scale
@@ -240,7 +240,7 @@ def _describe_release(event: VibrationEvent, scale: float) -> dict[str, object]:
     }
 
 
-def _describe_frequency(tool: Tool) -> dict[str, object]:
+def _make_frequency_fields(tool: Tool) -> dict[str, object]:
     """Describe the frequency of a ring and its limits."""
     return {
         "frequency_hz": tool.frequency,
@@ -249,7 +249,7 @@ def _describe_frequency(tool: Tool) -> dict[str, object]:
     }
 
 
-def _describe_waveform(waveform: Waveform) -> dict[str, object]:
+def _make_waveform_fields(waveform: Waveform) -> dict[str, object]:
     """Describe where a simulated ring comes from."""
     return {
         "simulated_delay_s": waveform.delay,
@@ -259,7 +259,7 @@ def _describe_waveform(waveform: Waveform) -> dict[str, object]:
     }
 
 
-def _describe_learned(learned: LearnedPrediction) -> dict[str, object]:
+def _make_learned_fields(learned: LearnedPrediction) -> dict[str, object]:
     """Describe what a model of a session predicts, each figure with its bounds."""
     force, force_low, force_high = learned.peak_force
     energy, energy_low, energy_high = learned.energy
@@ -274,7 +274,7 @@ def _describe_learned(learned: LearnedPrediction) -> dict[str, object]:
     }
 
 
-def replace_not_finite_by_none(record: dict[str, object]) -> dict[str, object]:
+def replace_non_finite_by_none(record: dict[str, object]) -> dict[str, object]:
     """Return a record with None for every number that is infinite or NaN."""
     replaced = dict(record)
     for name, value in record.items():

@@ -11,7 +11,7 @@ from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.contact.uncertainty import (
     compute_deviated_releases,
     compute_sensitivities,
-    list_inputs,
+    map_inputs_to_nominal_values,
 )
 from stepblocks.errors import ContactError
 
@@ -52,8 +52,8 @@ def find_felt_limits(
     face: Counterface,
     point: OperatingPoint,
     bounds: EnergyBounds,
-    free: Iterable[str],
-    fixed: Mapping[str, Deviations],
+    free_inputs: Iterable[str],
+    fixed_limits: Mapping[str, Deviations],
 ) -> FeltLimits:
     """Find the widest limits whose worst corners keep the energy within bounds.
 
@@ -68,9 +68,9 @@ def find_felt_limits(
         Nominal; the drag must release.
     bounds : EnergyBounds
         Within which the energy stays.
-    free : iterable of str
-        Inputs that get limits, by the names of `list_inputs`.
-    fixed : mapping of Deviations
+    free_inputs : iterable of str
+        Inputs that get limits, by the names of `map_inputs_to_nominal_values`.
+    fixed_limits : mapping of Deviations
         Limits of other inputs.
 
     Returns
@@ -83,15 +83,15 @@ def find_felt_limits(
     ContactError
         If nothing rings, or what is fixed or the finest that can be made leaves the bounds.
     """
-    free = list(free)
+    free_inputs = list(free_inputs)
     if face.release(point).status is not Status.RELEASES:
         raise ContactError("limits by what is felt need a drag that releases")
-    slopes = compute_sensitivities(face, point, dict.fromkeys([*free, *fixed], 1.0))
-    wish = _Wish(face, point, slopes, free, fixed)
+    slopes = compute_sensitivities(face, point, dict.fromkeys([*free_inputs, *fixed_limits], 1.0))
+    wish = _Wish(face, point, slopes, free_inputs, fixed_limits)
     upwards = _find_deviations_within_budget(wish, bounds.rise, +1.0)
     downwards = _find_deviations_within_budget(wish, bounds.fall, -1.0)
     limits = {}
-    for name in free:
+    for name in free_inputs:
         ends = (upwards[name], downwards[name])
         limits[name] = Deviations(max(ends), min(ends))
     return limits
@@ -108,7 +108,7 @@ class _Wish:
     fixed: Mapping[str, Deviations]
 
 
-def compute_energy_changes(
+def compute_extreme_energy_changes(
     face: Counterface, point: OperatingPoint, limits: Mapping[str, Deviations]
 ) -> tuple[float, float]:
     """Compute the change of ln E at the weakest and the strongest corner of limits.
@@ -118,13 +118,13 @@ def compute_energy_changes(
     slopes = compute_sensitivities(face, point, dict.fromkeys(limits, 1.0))
     changes = []
     for direction in (-1.0, +1.0):
-        corner = _choose_corner(limits, slopes, direction)
-        changes.append(_compute_change(face, point, corner))
+        corner = _choose_extreme_corner(limits, slopes, direction)
+        changes.append(_compute_log_energy_change(face, point, corner))
     weakest, strongest = changes
     return weakest, strongest
 
 
-def _choose_corner(
+def _choose_extreme_corner(
     limits: Mapping[str, Deviations], slopes: Mapping[str, float], direction: float
 ) -> dict[str, float]:
     """Choose the deviation of each input that moves the energy furthest in a direction."""
@@ -137,7 +137,7 @@ def _choose_corner(
     return corner
 
 
-def _compute_change(
+def _compute_log_energy_change(
     face: Counterface, point: OperatingPoint, deviations: Mapping[str, float]
 ) -> float:
     """Compute the change of ln E where the inputs deviate; infinite where nothing rings."""
@@ -152,8 +152,8 @@ def _find_deviations_within_budget(
     wish: _Wish, budget: float, direction: float
 ) -> dict[str, float]:
     """Share a budget of ln E in one direction; return the signed deviation of each free input."""
-    spent = _choose_corner(wish.fixed, wish.slopes, direction)
-    inputs = list_inputs(wish.face, wish.point)
+    spent = _choose_extreme_corner(wish.fixed, wish.slopes, direction)
+    inputs = map_inputs_to_nominal_values(wish.face, wish.point)
     signs = {name: math.copysign(1.0, direction * wish.slopes[name]) for name in wish.free}
 
     def find_deviations(scale: float) -> dict[str, float]:
@@ -168,11 +168,11 @@ def _find_deviations_within_budget(
 
     def find_excess(scale: float) -> float:
         """Return by how much the change of ln E at a scale exceeds the budget."""
-        change = _compute_change(wish.face, wish.point, spent | find_deviations(scale))
+        change = _compute_log_energy_change(wish.face, wish.point, spent | find_deviations(scale))
         return min(abs(change), 1e6) - budget
 
     if find_excess(0.0) > 0.0:
-        change = _compute_change(wish.face, wish.point, spent | find_deviations(0.0))
+        change = _compute_log_energy_change(wish.face, wish.point, spent | find_deviations(0.0))
         names = ", ".join([*wish.fixed, *(name for name in wish.free if name in FINEST)])
         raise ContactError(
             f"the energy must stay within {_format_energy_change(direction * budget)}, got "

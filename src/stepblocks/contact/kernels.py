@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stepblocks.contact.domain import Real, select_where
+from stepblocks.contact.domain import Real, select_by_condition
 
 _LEAST_CUBIC = 1e-9  # of a hardening spring [1/N^2]: a straight one would divide by zero
 
@@ -31,7 +31,7 @@ class Angles(NamedTuple):
         return self.forward
 
 
-def compute_angle_on_step(height: Real, radius_sum: Real) -> Real:
+def compute_edge_contact_angle(height: Real, radius_sum: Real) -> Real:
     """Return the angle of the tangent where a ball on the lower face touches the edge.
 
     It follows from ``1 - cos a = H / (R + r)``.
@@ -41,11 +41,11 @@ def compute_angle_on_step(height: Real, radius_sum: Real) -> Real:
 
 
 def compute_step_angle(height: Real, radius_sum: Real) -> Real:
-    """`compute_angle_on_step`, and a right angle where the ball meets the riser, ``H >= R + r``."""
+    """`compute_edge_contact_angle`, and a right angle at the riser, where ``H >= R + r``."""
     is_riser = height >= radius_sum
-    below = select_where(is_riser, 0.0, height)
-    radius = select_where(is_riser, 1.0, radius_sum)
-    return select_where(is_riser, 0.5 * np.pi, compute_angle_on_step(below, radius))
+    below = select_by_condition(is_riser, 0.0, height)
+    radius = select_by_condition(is_riser, 1.0, radius_sum)
+    return select_by_condition(is_riser, 0.5 * np.pi, compute_edge_contact_angle(below, radius))
 
 
 def compute_angle_out_of_groove(width: Real, rise: Real, ball_radius: Real) -> Real:
@@ -64,7 +64,7 @@ def compute_margin_angles(opening: Real, rise: Real, ball_radius: Real) -> Angle
     high = np.abs(rise)
     is_low = high < ball_radius
     chord = np.sqrt(np.maximum(high * (2.0 * ball_radius - high), 0.0))
-    reach = select_where(is_low, chord, ball_radius)
+    reach = select_by_condition(is_low, chord, ball_radius)
     # where the ball still rides on the lower shoulder when it meets the higher corner, the step
     # alone counts
     is_riding = opening <= reach
@@ -72,47 +72,48 @@ def compute_margin_angles(opening: Real, rise: Real, ball_radius: Real) -> Angle
     # where its centre sinks below that corner it leans on the wall, which it never climbs, and
     # meets the lower corner from a radius away
     is_near = np.hypot(opening, high) < 2.0 * ball_radius
-    width = select_where(is_near, opening, ball_radius)
-    height = select_where(is_near, high, 0.0)
+    width = select_by_condition(is_near, opening, ball_radius)
+    height = select_by_condition(is_near, high, 0.0)
     climb = compute_angle_out_of_groove(width, height, ball_radius)
     is_leaning = ~is_near | (climb >= 0.5 * np.pi)
     lean = np.arcsin(np.clip((opening - ball_radius) / ball_radius, 0.0, 1.0))
     hung = np.maximum(compute_angle_out_of_groove(width, -height, ball_radius), 0.0)
-    beyond_high = select_where(is_leaning, 0.5 * np.pi, climb)
-    beyond_low = select_where(is_leaning, lean, hung)
-    towards_high = select_where(is_riding, step, beyond_high)
-    towards_low = select_where(is_riding, 0.0, beyond_low)
+    beyond_high = select_by_condition(is_leaning, 0.5 * np.pi, climb)
+    beyond_low = select_by_condition(is_leaning, lean, hung)
+    towards_high = select_by_condition(is_riding, step, beyond_high)
+    towards_low = select_by_condition(is_riding, 0.0, beyond_low)
     is_upwards = rise >= 0.0
     return Angles(
-        select_where(is_upwards, towards_high, towards_low),
-        select_where(is_upwards, towards_low, towards_high),
+        select_by_condition(is_upwards, towards_high, towards_low),
+        select_by_condition(is_upwards, towards_low, towards_high),
     )
 
 
 def compute_relieved_step_angles(
-    height: Real, edge_radius: Real, width: Real, depth: Real, ball_radius: Real
+    height: Real, edge_radius: Real, relief_width: Real, relief_depth: Real, ball_radius: Real
 ) -> Angles:
     """Return the critical angles over a step whose riser has a relief at its root [rad].
 
-    The relief is `width` wide on the lower face and `depth` deep. A ball that meets the edge while
-    it still rides on the lower face does not reach it. Else the ball sinks, and meets the edge from
-    between both corners or from the floor, whichever holds it higher.
+    The relief is `relief_width` wide on the lower face and `relief_depth` deep. A ball that
+    meets the edge while it still rides on the lower face does not reach it. Else the
+    ball sinks, and meets the edge from between both corners or from the floor, whichever holds
+    it higher.
     """
     radius_sum = ball_radius + edge_radius
     on_face = compute_step_angle(height, radius_sum)
     before_edge = radius_sum * np.sin(on_face) - edge_radius  # of the centre, as it meets it
-    is_riding = width <= before_edge
-    between = _compute_angles_between_corners(height, edge_radius, width, ball_radius)
-    forward = np.minimum(between.forward, compute_step_angle(height + depth, radius_sum))
-    backward = np.minimum(between.backward, compute_step_angle(depth, ball_radius))
+    is_riding = relief_width <= before_edge
+    between = _compute_angles_between_corners(height, edge_radius, relief_width, ball_radius)
+    forward = np.minimum(between.forward, compute_step_angle(height + relief_depth, radius_sum))
+    backward = np.minimum(between.backward, compute_step_angle(relief_depth, ball_radius))
     return Angles(
-        select_where(is_riding, on_face, forward),
-        select_where(is_riding, 0.0, backward),
+        select_by_condition(is_riding, on_face, forward),
+        select_by_condition(is_riding, 0.0, backward),
     )
 
 
 def _compute_angles_between_corners(
-    height: Real, edge_radius: Real, width: Real, ball_radius: Real
+    height: Real, edge_radius: Real, relief_width: Real, ball_radius: Real
 ) -> Angles:
     """Return angles of a ball that rests on the end of the lower face and a rounded edge [rad].
 
@@ -120,25 +121,25 @@ def _compute_angles_between_corners(
     riser it never climbs, and on its way back it meets the lower face from a radius away.
     """
     radius_sum = ball_radius + edge_radius
-    run, rise = width + edge_radius, height - edge_radius
+    run, rise = relief_width + edge_radius, height - edge_radius
     chord = np.hypot(run, rise)
     incline = np.arctan2(rise, run)
     is_near = (chord < ball_radius + radius_sum) & (height < radius_sum)
-    reached = select_where(is_near, chord, radius_sum)
+    reached = select_by_condition(is_near, chord, radius_sum)
     # corners of the triangle of both corners and the centre of the ball, by the law of cosines
-    at_edge = _compute_triangle_angle(radius_sum, reached, ball_radius)
-    at_face = _compute_triangle_angle(ball_radius, reached, radius_sum)
+    at_edge = _compute_angle_between_sides(radius_sum, reached, ball_radius)
+    at_face = _compute_angle_between_sides(ball_radius, reached, radius_sum)
     climb = 0.5 * np.pi + incline - at_edge
     hung = np.maximum(0.5 * np.pi - incline - at_face, 0.0)
     is_leaning = ~is_near | (climb >= 0.5 * np.pi)
-    lean = np.arcsin(np.clip((width - ball_radius) / ball_radius, 0.0, 1.0))
+    lean = np.arcsin(np.clip((relief_width - ball_radius) / ball_radius, 0.0, 1.0))
     return Angles(
-        select_where(is_leaning, 0.5 * np.pi, climb),
-        select_where(is_leaning, lean, hung),
+        select_by_condition(is_leaning, 0.5 * np.pi, climb),
+        select_by_condition(is_leaning, lean, hung),
     )
 
 
-def _compute_triangle_angle(first: Real, second: Real, opposite: Real) -> Real:
+def _compute_angle_between_sides(first: Real, second: Real, opposite: Real) -> Real:
     """Return the angle between two sides of a triangle, opposite the third [rad]."""
     cosine = (first**2 + second**2 - opposite**2) / (2.0 * first * second)
     return np.arccos(np.clip(cosine, -1.0, 1.0))
@@ -157,24 +158,24 @@ def compute_bevelled_margin_angles(
     is_bevelled = opening > gap
     opening = np.maximum(opening, gap)
     diagonal = np.sqrt(0.5) * ball_radius
-    x, back = _find_ball_on_bevel(rise - opening + 2.0 * diagonal, ball_radius)
+    x, back = _compute_bevel_contact_and_angle(rise - opening + 2.0 * diagonal, ball_radius)
     outer = compute_margin_angles(opening, rise, ball_radius)
     inner_rise = rise - (opening - gap)
     inner = compute_margin_angles(gap, inner_rise, ball_radius)
     touched = x + diagonal
     is_on_outer = touched >= opening
     is_on_inner = touched <= gap
-    on_bevel = select_where(is_on_inner, inner.forward, 0.25 * np.pi)
-    back_from_bevel = select_where(is_on_inner, inner.backward, back)
-    forward = select_where(is_on_outer, outer.forward, on_bevel)
-    backward = select_where(is_on_outer, outer.backward, back_from_bevel)
+    on_bevel = select_by_condition(is_on_inner, inner.forward, 0.25 * np.pi)
+    back_from_bevel = select_by_condition(is_on_inner, inner.backward, back)
+    forward = select_by_condition(is_on_outer, outer.forward, on_bevel)
+    backward = select_by_condition(is_on_outer, outer.backward, back_from_bevel)
     return Angles(
-        select_where(is_bevelled, forward, square.forward),
-        select_where(is_bevelled, backward, square.backward),
+        select_by_condition(is_bevelled, forward, square.forward),
+        select_by_condition(is_bevelled, backward, square.backward),
     )
 
 
-def _find_ball_on_bevel(offset: Real, ball_radius: Real) -> tuple[Real, Real]:
+def _compute_bevel_contact_and_angle(offset: Real, ball_radius: Real) -> tuple[Real, Real]:
     """Find a ball that touches a bevel and the near corner.
 
     Its centre (x, z) lies on ``z = x + offset`` and ``x^2 + z^2 = R^2``. Returns x [m] and the
@@ -186,10 +187,10 @@ def _find_ball_on_bevel(offset: Real, ball_radius: Real) -> tuple[Real, Real]:
     # its centre lies below the near corner: it leans on the wall
     is_leaning = x + offset <= 0.0
     # or rides on the near shoulder
-    riding = select_where(x < 0.0, ball_radius - offset, x)
-    x = select_where(is_leaning, ball_radius, riding)
+    riding = select_by_condition(x < 0.0, ball_radius - offset, x)
+    x = select_by_condition(is_leaning, ball_radius, riding)
     climb = np.arcsin(np.clip(x / ball_radius, 0.0, 1.0))
-    return x, select_where(is_leaning, 0.5 * np.pi, climb)
+    return x, select_by_condition(is_leaning, 0.5 * np.pi, climb)
 
 
 def compute_pull_force(normal_load: Real, angle: Real, friction: Real) -> Real:
@@ -208,7 +209,7 @@ def compute_locking_height(ball_radius: Real, friction: Real) -> Real:
 def compute_height_at_angle(angle: Real, radius_sum: Real) -> Real:
     """Return the height of the step of a critical angle, ``H = (R + r)(1 - cos a)``.
 
-    It is the inverse of `compute_angle_on_step`.
+    It is the inverse of `compute_edge_contact_angle`.
     """
     return 2.0 * radius_sum * np.sin(0.5 * angle) ** 2
 
@@ -218,17 +219,17 @@ def compute_stored_energy(force: Real, stiffness: Real) -> Real:
     return 0.5 * force * force / stiffness
 
 
-def compute_unhardened_force(force: Real, cubic: Real) -> Real:
+def compute_unhardened_force(force: Real, cubic_coefficient: Real) -> Real:
     """Solve ``force = u + cubic u^3`` for u, by Viete's hyperbolic sine.
 
     It is the force that the spring would have if it did not harden.
     """
-    root = np.sqrt(3.0 * np.maximum(cubic, _LEAST_CUBIC))
+    root = np.sqrt(3.0 * np.maximum(cubic_coefficient, _LEAST_CUBIC))
     third = np.arcsinh(1.5 * force * root) / 3.0
     return 2.0 / root * np.sinh(third)
 
 
-def compute_force_and_energy(
+def compute_release_force_and_energy(
     angle: Real, friction: Real, normal_load: Real, stiffness: Real, conversion: Real
 ) -> tuple[Real, Real]:
     """Compute pull force [N] and vibration energy [J] at the release.

@@ -270,10 +270,10 @@ def build_laws(declared: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     The name of each, under ``law``, is that of a law that ships or of an entry point of the group
     ``stepblocks.laws``; what stands beside it are its numbers.
     """
-    return {kind: _build_law(kind, **numbers) for kind, numbers in declared.items()}
+    return {kind: _build_declared_law(kind, **numbers) for kind, numbers in declared.items()}
 
 
-def _build_law(kind: str, law: str = "", **numbers: Any) -> object:
+def _build_declared_law(kind: str, law: str = "", **numbers: Any) -> object:
     """Build one law of a kind from its name and its numbers."""
     if kind not in _KINDS:
         raise QuantityError(f"laws must be of {', '.join(_KINDS)}, got {kind!r}")
@@ -307,13 +307,13 @@ def _read_law_parameter(name: str, value: object) -> object:
 
 
 @lru_cache(maxsize=64)
-def compile_coefficient(function: Coefficient) -> Coefficient:
+def compile_friction_coefficient(coefficient: Coefficient) -> Coefficient:
     """Compile a function of four floats to a pointer that the integrator can call."""
     from numba import cfunc
     from numba.core.errors import NumbaError
 
     signature = "float64(float64, float64, float64, float64)"
-    source = getattr(function, "py_func", function)
+    source = getattr(coefficient, "py_func", coefficient)
     try:
         return cast(Coefficient, cfunc(signature)(source))
     except (NumbaError, TypeError, AttributeError) as error:

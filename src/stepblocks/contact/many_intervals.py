@@ -12,7 +12,11 @@ import numpy as np
 from stepblocks.contact import Array, kernels
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.domain import Real
-from stepblocks.contact.uncertainty import SMALLEST_BALL, draw_standard_normal, find_quantiles
+from stepblocks.contact.uncertainty import (
+    SMALLEST_BALL,
+    draw_standard_normal_inputs,
+    find_interval_quantiles,
+)
 
 # what force and energy of a step depend on, in the order of its draws
 STEP_INPUTS = (
@@ -53,7 +57,7 @@ class IntervalEnds:
 def estimate_step_intervals(
     inputs: Mapping[str, Array],
     uncertainties: Mapping[str, Array],
-    limit: float,
+    force_limit: float,
     *,
     draws: int,
     seed: int = 0,
@@ -64,58 +68,58 @@ def estimate_step_intervals(
     ----------
     inputs, uncertainties : mapping of array, each of shape (rows,)
         Each of `STEP_INPUTS` and its standard uncertainty [SI], inside the domain of the equations.
-    limit : float
+    force_limit : float
         Force beyond which a tip is held [N].
     draws, seed : int
         As `estimate_interval` takes them.
     """
-    standard = draw_standard_normal(len(STEP_INPUTS), draws, seed)
+    standard = draw_standard_normal_inputs(len(STEP_INPUTS), draws, seed)
     normal = dict(zip(STEP_INPUTS, standard, strict=True))
     count = len(inputs["height"])
     ends = np.empty((5, count))
-    for rows in _divide_rows(count, draws):
+    for rows in _iterate_row_chunks(count, draws):
         drawn = {}
         for name in STEP_INPUTS:
             drawn[name] = _draw_input(inputs[name][rows], uncertainties[name][rows], normal[name])
         nominal_ball = inputs["ball_radius"][rows, None]
-        ends[:, rows] = _find_interval_ends(drawn, nominal_ball, limit, draws)
+        ends[:, rows] = _compute_interval_ends(drawn, nominal_ball, force_limit, draws)
     return IntervalEnds(*ends)
 
 
-def _divide_rows(count: int, draws: int) -> Iterator[slice]:
+def _iterate_row_chunks(row_count: int, draws: int) -> Iterator[slice]:
     """Yield rows whose draws fit into memory."""
     step = max(_MOST_NUMBERS // draws, 1)
-    for first in range(0, count, step):
-        yield slice(first, min(first + step, count))
+    for first in range(0, row_count, step):
+        yield slice(first, min(first + step, row_count))
 
 
-def _draw_input(nominal: Array, uncertainty: Array, normal: Array) -> Array:
+def _draw_input(nominal: Array, uncertainty: Array, standard_normal: Array) -> Array:
     """Draw an input, shape (rows, draws), or (rows, 1) where it is known; cut off at 0."""
     if not uncertainty.any():
         return nominal[:, None]
-    return np.maximum(nominal[:, None] + uncertainty[:, None] * normal, 0.0)
+    return np.maximum(nominal[:, None] + uncertainty[:, None] * standard_normal, 0.0)
 
 
-def _find_interval_ends(
-    drawn: Mapping[str, Array], nominal_ball: Array, limit: float, draws: int
+def _compute_interval_ends(
+    drawn_inputs: Mapping[str, Array], nominal_ball: Array, force_limit: float, draws: int
 ) -> tuple[Array, ...]:
     """Find the ends of both intervals and the share that is held, each of shape (rows,)."""
-    ball = np.maximum(drawn["ball_radius"], SMALLEST_BALL * nominal_ball)
+    ball = np.maximum(drawn_inputs["ball_radius"], SMALLEST_BALL * nominal_ball)
     dimensions: dict[str, Real] = {
-        "height": drawn["height"],
-        "edge_radius": drawn["edge_radius"],
+        "height": drawn_inputs["height"],
+        "edge_radius": drawn_inputs["edge_radius"],
     }
     angle = _ANY_STEP.angles(ball, **dimensions).forward
-    force, energy = kernels.compute_force_and_energy(
+    force, energy = kernels.compute_release_force_and_energy(
         angle,
-        drawn["friction"],
-        drawn["normal_load"],
-        drawn["stiffness"],
-        drawn["conversion"],
+        drawn_inputs["friction"],
+        drawn_inputs["normal_load"],
+        drawn_inputs["stiffness"],
+        drawn_inputs["conversion"],
     )
     shape = (len(energy), draws)
     force = np.broadcast_to(force, shape)
-    is_held = force > limit
-    force_ends = find_quantiles(np.where(is_held, np.inf, force), draws)
-    energy_ends = find_quantiles(np.where(is_held, np.inf, energy), draws)
+    is_held = force > force_limit
+    force_ends = find_interval_quantiles(np.where(is_held, np.inf, force), draws)
+    energy_ends = find_interval_quantiles(np.where(is_held, np.inf, energy), draws)
     return (*force_ends, *energy_ends, is_held.mean(axis=1))

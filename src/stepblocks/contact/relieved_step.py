@@ -88,10 +88,10 @@ class RelievedStep(Counterface):
 
     def angles(self, ball_radius: Real, **dimensions: Real) -> Angles:
         """In closed form: the ball rides, hangs between both corners, or meets the floor."""
-        height = self._read_size_or_nominal("height", dimensions)
-        edge_radius = self._read_size_or_nominal("edge_radius", dimensions)
-        width = self._read_size_or_nominal("relief_width", dimensions)
-        depth = self._read_size_or_nominal("relief_depth", dimensions)
+        height = self._read_given_or_nominal_size("height", dimensions)
+        edge_radius = self._read_given_or_nominal_size("edge_radius", dimensions)
+        width = self._read_given_or_nominal_size("relief_width", dimensions)
+        depth = self._read_given_or_nominal_size("relief_depth", dimensions)
         ball = np.asarray(read_values("ball_radius", ball_radius, "length"))[()]
         require_positive("ball_radius", ball, "m")
         sizes = (height, edge_radius, width, depth, ball)
@@ -114,7 +114,7 @@ class RelievedStep(Counterface):
             slopes[name] = float((high - low) / (ends[1] - ends[0]))
         return slopes
 
-    def _read_size_or_nominal(self, name: str, dimensions: Mapping[str, Real]) -> Real:
+    def _read_given_or_nominal_size(self, name: str, dimensions: Mapping[str, Real]) -> Real:
         """Read a size from the given dimensions, else take the nominal one [m]."""
         given = dimensions.get(name, getattr(self, name))
         size = np.asarray(read_values(name, given, "length"))[()]
@@ -147,7 +147,7 @@ class RelievedStep(Counterface):
         return [Disc(-width, 0.0, 0.0), *discs], [lower, floor, upper]
 
 
-def describe_least_riding_ball(face: RelievedStep) -> str:
+def format_least_riding_ball(face: RelievedStep) -> str:
     """Say which balls do not reach a relief."""
     micrometres = math.ceil(face.least_riding_ball * 1e6 - _WHOLE)
     return f"{micrometres} um in radius or more"

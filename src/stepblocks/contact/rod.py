@@ -121,7 +121,7 @@ class RodRing:
         return -math.expm1(-spent) / spent
 
 
-def fit_rod(
+def solve_rod_for_tool(
     stiffness: float,
     frequency: float,
     decay_time: float,
@@ -185,7 +185,7 @@ def compute_rod_ring(rod: Rod, sheath: Sleeve | Hold | None = None) -> RodRing:
     from scipy.linalg import eigh, solve
 
     if isinstance(sheath, Sleeve):
-        _require_on_rod(rod, sheath)
+        _require_sleeve_on_rod(rod, sheath)
     matrices = _assemble_matrices(rod, sheath)
     total = matrices.stiffness
     # asked for as the largest flexibility, the lowest mode keeps its digits beside short elements
@@ -206,7 +206,7 @@ def compute_rod_ring(rod: Rod, sheath: Sleeve | Hold | None = None) -> RodRing:
     )
 
 
-def _require_on_rod(rod: Rod, sleeve: Sleeve) -> None:
+def _require_sleeve_on_rod(rod: Rod, sleeve: Sleeve) -> None:
     """Refuse a sheath that does not lie on the free length of the rod."""
     end = sleeve.start + sleeve.length
     ends_on_rod = end <= rod.length * (1.0 + 1e-12)
@@ -238,7 +238,7 @@ class _Matrices(NamedTuple):
 
 def _assemble_matrices(rod: Rod, sheath: Sleeve | Hold | None) -> _Matrices:
     """Assemble the elements between the nodes: deflection and slope at each are coordinates."""
-    nodes = _place_nodes(rod, sheath)
+    nodes = _choose_node_positions(rod, sheath)
     of_rod, of_sheath, mass = np.zeros((3, 2 * nodes.size, 2 * nodes.size))
     for index, (begin, end) in enumerate(itertools.pairwise(nodes)):
         span = end - begin
@@ -271,7 +271,7 @@ def _assemble_matrices(rod: Rod, sheath: Sleeve | Hold | None) -> _Matrices:
     return _Matrices(parts, mass[free, free], losses, pushes[free])
 
 
-def _place_nodes(rod: Rod, sheath: Sleeve | Hold | None) -> Array:
+def _choose_node_positions(rod: Rod, sheath: Sleeve | Hold | None) -> Array:
     """Place the nodes in units of the free length; every end of a sheath is one."""
     ends = {0.0, 1.0}
     if isinstance(sheath, Sleeve):
@@ -367,24 +367,24 @@ def compute_modes(
     return modes
 
 
-def compute_clamp_force(modes: Sequence[Mode], time: Array, *, blow: bool = False) -> Array:
+def compute_clamp_force(modes: Sequence[Mode], time: Array, *, is_blow: bool = False) -> Array:
     """Return the force on the clamp [N] after a pull of 1 N was let go at the tip; times in s.
 
-    With `blow` it is the force after a blow of 1 N s at the tip.
+    With `is_blow` it is the force after a blow of 1 N s at the tip.
     """
     total = np.zeros_like(time)
     for mode in modes:
         omega = math.tau * mode.frequency
         phase = omega * time
         wave = np.cos(phase)
-        if blow:
+        if is_blow:
             wave = omega * np.sin(phase)
         decay = np.exp(-0.5 * omega * mode.loss_factor * time)
         total += mode.reaction * decay * wave
     return total
 
 
-def compute_sensed_energy(
+def integrate_squared_clamp_force(
     modes: Sequence[Mode], duration: float = PAPER.tool.ring_duration
 ) -> float:
     """Integrate the square of the force on a sensor between rod or sheath and clamp [N^2 s].
@@ -396,7 +396,7 @@ def compute_sensed_energy(
     return float(np.trapezoid(force**2, time))
 
 
-def compute_finger_share(
+def compute_energy_share_in_hand(
     rod: Rod,
     stiffness: float,
     modes: Sequence[Mode],
@@ -407,8 +407,8 @@ def compute_finger_share(
     from scipy.linalg import expm, solve_continuous_lyapunov
 
     held = _HeldRod.assemble(rod, modes, hand)
-    system = held.build_system()
-    ring = _drop_slow_parts(system, held.find_pulled_state(modes))
+    system = held.build_first_order_matrix()
+    ring = _remove_slow_modes_from_state(system, held.compute_pulled_state(modes))
     lossy = np.concatenate([np.zeros(len(held.mass)), held.grasp])
     damping = -hand.grasp_damping * np.outer(lossy, lossy)
     # the quadratic form of a state whose value the grasp spends from then on
@@ -451,7 +451,7 @@ class _HeldRod(NamedTuple):
         damper += hand.grasp_damping * of_grasp + hand.arm_damping * of_arm
         return cls(mass, damper, spring, grasp)
 
-    def build_system(self) -> Array:
+    def build_first_order_matrix(self) -> Array:
         """Build the matrix of the first-order system of coordinates and their rates."""
         from scipy.linalg import solve
 
@@ -460,7 +460,7 @@ class _HeldRod(NamedTuple):
         of_damper = -solve(self.mass, self.damper)
         return np.block([[zero, unity], [of_spring, of_damper]])
 
-    def find_pulled_state(self, modes: Sequence[Mode]) -> Array:
+    def compute_pulled_state(self, modes: Sequence[Mode]) -> Array:
         """Find coordinates and rates under 1 N on the tip, which moves rod and handle."""
         from scipy.linalg import solve
 
@@ -470,9 +470,9 @@ class _HeldRod(NamedTuple):
         return np.concatenate([deflections, at_rest])
 
 
-def _drop_slow_parts(system: Array, state: Array) -> Array:
+def _remove_slow_modes_from_state(system_matrix: Array, state: Array) -> Array:
     """Return a state of a first-order system without what moves more slowly than a vibration."""
-    values, vectors = np.linalg.eig(system)
+    values, vectors = np.linalg.eig(system_matrix)
     parts = np.linalg.solve(vectors, state)
     is_slow = np.abs(values.imag) < math.tau * _LOWEST
     parts[is_slow] = 0.0

@@ -71,12 +71,12 @@ class Interval:
     agrees: bool
 
 
-def convert_half_widths(half_widths: Mapping[str, float]) -> dict[str, float]:
+def convert_half_widths_to_stds(half_widths: Mapping[str, float]) -> dict[str, float]:
     """Turn half-widths into standard uncertainties, rectangular (JCGM 100, 4.3.7)."""
     return {name: value / math.sqrt(3.0) for name, value in half_widths.items()}
 
 
-def list_inputs(face: Counterface, point: OperatingPoint) -> dict[str, float]:
+def map_inputs_to_nominal_values(face: Counterface, point: OperatingPoint) -> dict[str, float]:
     """List all quantities on which force and energy depend, by name [SI]."""
     return face.dimensions | {
         "ball_radius": point.ball_radius,
@@ -96,12 +96,12 @@ def compute_deviated_releases(
     """
     dimensions = face.deviate_dimensions(deviations)
     deviated: dict[str, Real] = {}
-    for name, nominal in list_inputs(face, point).items():
+    for name, nominal in map_inputs_to_nominal_values(face, point).items():
         if name not in dimensions:
             deviated[name] = np.maximum(nominal + deviations.get(name, 0.0), 0.0)
     ball = np.maximum(deviated["ball_radius"], SMALLEST_BALL * point.ball_radius)
     angles = kernels.Angles(*face.angles(ball, **dimensions))
-    force, energy = kernels.compute_force_and_energy(
+    force, energy = kernels.compute_release_force_and_energy(
         angles.select_direction(backward),
         deviated["friction"],
         deviated["normal_load"],
@@ -162,15 +162,15 @@ def _differentiate_by_differences(
     face: Counterface,
     point: OperatingPoint,
     uncertainty: Mapping[str, float],
-    name: str,
+    input_name: str,
     backward: bool,
 ) -> float:
     """Differentiate ln E_v with respect to one input over a small part of its uncertainty."""
-    step = _STEP * uncertainty[name]
+    step = _STEP * uncertainty[input_name]
     if not step > 0.0:
         return 0.0
     deviations: dict[str, Real] = dict.fromkeys(uncertainty, 0.0)
-    deviations[name] = np.array([step, -step])
+    deviations[input_name] = np.array([step, -step])
     _, energies = compute_deviated_releases(face, point, deviations, backward)
     up, down = energies
     if not (min(up, down) > 0.0 and max(up, down) < math.inf):
@@ -228,20 +228,20 @@ def estimate_interval(
     """
     check_seed(seed)
     face = convert_to_counterface(face)
-    names = list(list_inputs(face, point))
+    names = list(map_inputs_to_nominal_values(face, point))
     known = _read_uncertainties(uncertainty, names)
     release = face.release(point, backward)
-    standard = draw_standard_normal(len(names), draws, seed)
+    standard = draw_standard_normal_inputs(len(names), draws, seed)
     normal = dict(zip(names, standard, strict=True))
     deviations = {name: width * normal[name] for name, width in known.items()}
     forces, energies = compute_deviated_releases(face, point, deviations, backward)
     drawn_forces = np.broadcast_to(forces, draws)
     drawn_energies = np.broadcast_to(energies, draws)
-    force_low, force_high = map(float, find_quantiles(drawn_forces, draws))
-    energy_low, energy_high = map(float, find_quantiles(drawn_energies, draws))
+    force_low, force_high = map(float, find_interval_quantiles(drawn_forces, draws))
+    energy_low, energy_high = map(float, find_interval_quantiles(drawn_energies, draws))
     low = high = math.nan
     if release.status is Status.RELEASES:
-        low, high = _estimate_to_first_order(face, point, known, backward)
+        low, high = _estimate_energy_interval_to_first_order(face, point, known, backward)
     width = max(high - low, 1e-12 * release.vibration_energy)
     apart = max(abs(energy_low - low), abs(energy_high - high))
     return Interval(
@@ -273,7 +273,7 @@ def _read_uncertainties(
     return {name: read[name] for name in names if name in read}
 
 
-def _estimate_to_first_order(
+def _estimate_energy_interval_to_first_order(
     face: Counterface, point: OperatingPoint, uncertainty: Mapping[str, float], backward: bool
 ) -> tuple[float, float]:
     """Estimate both ends of the interval of a release to first order in the logarithm [J]."""
@@ -292,31 +292,31 @@ def _estimate_to_first_order(
     return energy * math.exp(-spread), energy * math.exp(spread)
 
 
-def find_quantiles(values: Array, draws: int) -> tuple[Array, Array]:
+def find_interval_quantiles(values: Array, draws: int) -> tuple[Array, Array]:
     """Find both ends of the 95 % interval of draws along the last axis, shape (..., draws).
 
     They are the inverse of the empirical distribution, numpy's "inverted_cdf", but that a share of
     the draws which is a whole number but for rounding is that number.
     """
-    low, high = _find_rank(_LOW_TAIL, draws), _find_rank(_HIGH_TAIL, draws)
+    low, high = _compute_quantile_rank(_LOW_TAIL, draws), _compute_quantile_rank(_HIGH_TAIL, draws)
     ordered = np.partition(values, [low, high], axis=-1)
     return ordered[..., low], ordered[..., high]
 
 
-def _find_rank(tail: float, draws: int) -> int:
+def _compute_quantile_rank(tail: float, draws: int) -> int:
     """Find the place of a quantile among draws in order, from 0 on."""
     count = math.ceil(tail * draws - _ROUNDING)
     return max(count - 1, 0)
 
 
 @lru_cache(maxsize=4)
-def draw_standard_normal(inputs: int, draws: int, seed: int) -> Array:
+def draw_standard_normal_inputs(input_count: int, draws: int, seed: int) -> Array:
     """Draw standard normal numbers, shape (inputs, draws).
 
     Equal arguments give the same numbers.
     """
     if not _LEAST_DRAWS <= draws <= _MOST_DRAWS:
         raise ContactError(f"draws must lie between 100 and 10 million, got {draws}")
-    numbers = np.random.default_rng(seed).standard_normal((inputs, draws))
+    numbers = np.random.default_rng(seed).standard_normal((input_count, draws))
     numbers.setflags(write=False)
     return numbers

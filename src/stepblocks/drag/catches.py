@@ -45,11 +45,13 @@ class CatchPlaces(NamedTuple):
     contact: Array
 
 
-def find_steepest_place(places: CatchPlaces, within: tuple[float, float] | None) -> int | None:
-    """Find the place with the greatest angle, of those whose edge lies `within` a range [m]."""
+def find_steepest_place(
+    places: CatchPlaces, contact_range: tuple[float, float] | None
+) -> int | None:
+    """Find the place with the greatest angle, of those whose edge lies in a range [m]."""
     angle = places.angle
-    if within is not None:
-        low, high = within
+    if contact_range is not None:
+        low, high = contact_range
         is_inside = (places.contact >= low) & (places.contact <= high)
         angle = np.where(is_inside, angle, -np.inf)
     if not np.isfinite(angle).any():
@@ -60,14 +62,14 @@ def find_steepest_place(places: CatchPlaces, within: tuple[float, float] | None)
 
 
 def find_catch_places(
-    track: CentrePath, ball_radius: float, least: float = LEAST_ANGLE
+    track: CentrePath, ball_radius: float, least_angle: float = LEAST_ANGLE
 ) -> CatchPlaces:
-    """Find every place steeper than the ground on both its sides by `least` [rad]."""
+    """Find every place steeper than the ground on both its sides by `least_angle` [rad]."""
     # both slopes of each knot, for a kink has two
     x = np.repeat(track.x, 2)[1:-1]
     slopes = np.column_stack([track.slope_start, track.slope_end]).ravel()
     angle = np.arctan(slopes)
-    peaks = find_prominent_peaks(angle, least)
+    peaks = find_prominent_peaks(angle, least_angle)
     first, last = _find_peak_plateaus(angle, peaks)
     # rounding makes several peaks of one slope
     is_single = np.append(True, first[1:] > last[:-1])[: peaks.size]
@@ -77,47 +79,47 @@ def find_catch_places(
         x=x[first],
         angle=critical,
         last=x[last],
-        behind=_find_half_falls(x, angle, peaks, first, last),
+        behind=_find_half_fall_positions(x, angle, peaks, first, last),
         start=_find_approach_starts(x, angle, first, last, _AHEAD * ball_radius),
         contact=x[first] + ball_radius * np.sin(critical),
     )
 
 
-def _find_peak_plateaus(angle: Array, peaks: Indices) -> tuple[Indices, Indices]:
+def _find_peak_plateaus(angles: Array, peaks: Indices) -> tuple[Indices, Indices]:
     """Find the first and the last sample about each peak that are as steep as the peak."""
     first, last = peaks.copy(), peaks.copy()
     for number, peak in enumerate(peaks):
-        least = angle[peak] - _LEVEL
-        while first[number] > 0 and angle[first[number] - 1] >= least:
+        least = angles[peak] - _LEVEL
+        while first[number] > 0 and angles[first[number] - 1] >= least:
             first[number] -= 1
-        while last[number] < angle.size - 1 and angle[last[number] + 1] >= least:
+        while last[number] < angles.size - 1 and angles[last[number] + 1] >= least:
             last[number] += 1
     return first, last
 
 
-def _find_half_falls(
-    x: Array, angle: Array, peaks: Indices, first: Indices, last: Indices
+def _find_half_fall_positions(
+    x: Array, angles: Array, peaks: Indices, first: Indices, last: Indices
 ) -> Array:
     """Find where the slope after each peak has fallen by half of its fall [m]."""
     ends = x[last]
-    following = np.append(first[1:], angle.size - 1)[: peaks.size]
+    following = np.append(first[1:], angles.size - 1)[: peaks.size]
     for number, peak in enumerate(peaks):
-        ahead = angle[last[number] : following[number] + 1]
-        half = 0.5 * (angle[peak] + ahead.min())
+        ahead = angles[last[number] : following[number] + 1]
+        half = 0.5 * (angles[peak] + ahead.min())
         steps = int(np.argmax(ahead <= half))
         ends[number] = x[last[number] + steps]
     return ends
 
 
 def _find_approach_starts(
-    x: Array, angle: Array, first: Indices, last: Indices, ahead: float
+    x: Array, angles: Array, first: Indices, last: Indices, least_lead: float
 ) -> Array:
-    """Find where the approach to each peak begins, at least `ahead` before its foot [m]."""
+    """Find where the approach to each peak begins, at least `least_lead` before its foot [m]."""
     starts = np.full(first.size, -np.inf)
     for number in range(1, first.size):
         begin = int(last[number - 1])
-        between = angle[begin : int(first[number]) + 1]
+        between = angles[begin : int(first[number]) + 1]
         is_level = between <= between.min() + _LEVEL
         level = np.flatnonzero(is_level) + begin
-        starts[number] = max(x[level[0]], x[level[-1]] - ahead)
+        starts[number] = max(x[level[0]], x[level[-1]] - least_lead)
     return starts

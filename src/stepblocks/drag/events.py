@@ -15,13 +15,13 @@ from stepblocks.drag.simulate import Belonging, DragEvent, DragTrace, simulate_d
 from stepblocks.drag.track import build_track
 
 
-def list_events(
-    trace: DragTrace, backward: bool, within: tuple[float, float] | None
+def list_surface_events(
+    trace: DragTrace, backward: bool, feature_range: tuple[float, float] | None
 ) -> tuple[DragEvent, ...]:
     """List every place that the tip came to, with its ring; positions are on the surface.
 
-    Events at the place that was asked about, and those `within` a range of x [m], belong to the
-    feature.
+    Events at the place that was asked about, and those in the `feature_range` of x [m], belong to
+    the feature.
     """
     sign = 1.0
     if backward:
@@ -31,21 +31,21 @@ def list_events(
         contact_x = sign * event.contact_x_m
         placed = replace(
             event,
-            belongs_to=_find_belonging(trace, event, contact_x, within),
+            belongs_to=_classify_belonging(trace, event, contact_x, feature_range),
             x_m=sign * event.x_m,
             contact_x_m=contact_x,
         )
         if event.status is Status.RELEASES:
-            placed = _add_ring(placed, trace, number)
+            placed = _add_ring_figures(placed, trace, number)
         events.append(placed)
     return tuple(events)
 
 
-def _find_belonging(
-    trace: DragTrace, event: DragEvent, contact_x: float, within: tuple[float, float] | None
+def _classify_belonging(
+    trace: DragTrace, event: DragEvent, contact_x: float, feature_range: tuple[float, float] | None
 ) -> Belonging:
     """Find to what an event belongs, whose edge lies at `contact_x` on the surface [m]."""
-    if within is not None and within[0] <= contact_x <= within[1]:
+    if feature_range is not None and feature_range[0] <= contact_x <= feature_range[1]:
         return Belonging.FEATURE
     if trace.asked < 0:
         return Belonging.BEFORE
@@ -57,9 +57,9 @@ def _find_belonging(
     return Belonging.AFTER
 
 
-def _add_ring(event: DragEvent, trace: DragTrace, number: int) -> DragEvent:
-    """Return a release with the figures of its ring; `number` is that of the event."""
-    ring = measure_ring(trace, spectra=False, event=number)
+def _add_ring_figures(event: DragEvent, trace: DragTrace, event_number: int) -> DragEvent:
+    """Return a release with the figures of its ring; `event_number` is that of the event."""
+    ring = measure_ring(trace, with_spectra=False, event=event_number)
     return replace(
         event,
         sliding_force_n=ring.level,

@@ -7,8 +7,8 @@ from stepblocks.drag.ring import (
     LOADING_BAND,
     RING_BAND,
     Phase,
-    compute_band_share,
     compute_phase_spectrum,
+    compute_spectral_band_share,
 )
 from stepblocks.drag.simulate import DragTrace
 from stepblocks.files.figures import Axes, make_figure_and_axes, save_figure
@@ -19,7 +19,7 @@ _HIGHEST = 600.0  # of the spectra that are shown [Hz]
 _BLUE, _RED, _GREY = "#1f4e79", "#b03030", "#808080"
 
 
-def plot_force(trace: DragTrace, axes: "Axes", channel: str = "fx_n") -> "Axes":
+def plot_force_with_events(trace: DragTrace, axes: "Axes", channel: str = "fx_n") -> "Axes":
     """Plot one force against time.
 
     The release that was asked about is marked in red, any other in grey.
@@ -39,7 +39,7 @@ def draw_forces(trace: DragTrace, path: Path, title: str) -> None:
     """Draw both forces against time, as figure 3 of the paper does, and mark the release."""
     figure, axes = make_figure_and_axes(2, 1, sharex=True, height=4.6)
     for axis, name in zip(axes, ("fx_n", "fy_n"), strict=True):
-        plot_force(trace, axis, name)
+        plot_force_with_events(trace, axis, name)
     if trace.status is Status.RELEASES:
         peak = (trace.release_time * 1e3, trace.peak_force)
         axes[0].annotate(
@@ -77,6 +77,6 @@ def _draw_spectrum(axis: "Axes", trace: DragTrace, phase: Phase, channel: str, l
     highest = max(float(shown.max()), 1e-300)
     axis.plot(frequency[is_shown], shown / highest, lw=0.9, color=_BLUE)
     axis.axvspan(low, high, color="#f0c040", alpha=0.25, lw=0)
-    share = compute_band_share(frequency, energy, (low, high))
+    share = compute_spectral_band_share(frequency, energy, (low, high))
     axis.set_title(f"{phase}, {label}: {share:.0%} in {low:.0f}-{high:.0f} Hz", fontsize=9)
     axis.set_ylabel("relative energy")

@@ -25,7 +25,7 @@ _MINDLIN = 0.82
 _BRISTLE_DAMPING = 0.3  # of sqrt(bristle stiffness times mass)
 
 
-def compute_needed_pulls(places: CatchPlaces, settings: DragSettings) -> NDArray[np.float64]:
+def compute_formula_pulls(places: CatchPlaces, settings: DragSettings) -> NDArray[np.float64]:
     """Return the pull that lifts a rigid tip over each place, equation (1) [N], or infinity."""
     total = places.angle + math.atan(settings.friction_at_rest)
     is_locked = total >= _RIGHT_ANGLE
@@ -33,10 +33,10 @@ def compute_needed_pulls(places: CatchPlaces, settings: DragSettings) -> NDArray
     return np.where(is_locked, math.inf, climb + settings.tissue_friction)
 
 
-def find_force_limit(needed: NDArray[np.float64], settings: DragSettings) -> float:
+def compute_locking_pull(formula_pulls: NDArray[np.float64], settings: DragSettings) -> float:
     """Find the pull beyond which the tip counts as locked [N]."""
     load, rubbed = settings.normal_load, settings.tissue_friction
-    climb = needed.max(initial=rubbed) - rubbed
+    climb = formula_pulls.max(initial=rubbed) - rubbed
     if math.isinf(climb):
         return _LOCKED_LIMIT * load
     return float(_HELD_LIMIT * max(climb, load) + rubbed)
@@ -50,22 +50,22 @@ class Grain(NamedTuple):
     blow: float  # indentation of the hardest blow [m]
 
 
-def find_grain(probe: Probe, settings: DragSettings, limit: float) -> Grain:
-    """Find the longest step that resolves the stiffest mode, up to a pull of `limit` [N]."""
+def choose_time_step_and_bristles(probe: Probe, settings: DragSettings, pull_limit: float) -> Grain:
+    """Find the longest step that resolves the stiffest mode, up to a pull of `pull_limit` [N]."""
     # the normal force to be resolved: the climb's, or that of a blow with all of the spring's
     # energy
-    stored = 0.5 * (limit / _HELD_LIMIT) ** 2 / probe.stiffness
-    climb = min(limit, _CLIMB_LIMIT * settings.normal_load)
+    stored = 0.5 * (pull_limit / _HELD_LIMIT) ** 2 / probe.stiffness
+    climb = min(pull_limit, _CLIMB_LIMIT * settings.normal_load)
     power, stiffness = probe.contact_power, probe.contact_stiffness
     dent_power = (power + 1.0) * stored / stiffness  # d^(p + 1) of the dent that stores it
     blow = stiffness * float(dent_power ** (power / (power + 1.0)))
     force = max(climb, blow)
-    normal = power * force / probe.find_indentation(force)
+    normal = power * force / probe.compute_indentation(force)
     law = settings.friction_law
     if law is not None and law.bristle_stiffness:
         tangential = law.bristle_stiffness
     else:
-        depth = probe.find_indentation(settings.normal_load)
+        depth = probe.compute_indentation(settings.normal_load)
         tangential = _MINDLIN * (power * settings.normal_load / depth)
     # a blow meets the tip before any mode gives way
     inverse_masses = sum(1.0 / mode.mass for mode in probe.overtones)
@@ -74,7 +74,7 @@ def find_grain(probe: Probe, settings: DragSettings, limit: float) -> Grain:
     of_contact = (2.0 * normal + 2.0 * tangential + probe.stiffness) / light
     fastest = math.sqrt(of_contact + of_overtones)
     time_step = 2.0 * math.pi / (fastest * settings.resolution)
-    return Grain(time_step, tangential, probe.find_indentation(blow))
+    return Grain(time_step, tangential, probe.compute_indentation(blow))
 
 
 def plan_steps(
@@ -82,26 +82,27 @@ def plan_steps(
     probe: Probe,
     settings: DragSettings,
     start_x: float,
-    limit: float,
-    longest: float,
+    pull_limit: float,
+    longest_time_step: float,
 ) -> kernels.Pace:
     """Choose a step that divides the time between two rows, and count the steps.
 
-    The drag begins at `start_x` [m], `limit` is the greatest pull [N] and `longest` the longest
+    The drag begins at `start_x` [m], `pull_limit` is the greatest pull [N] and `longest_time_step`
+    the longest
     step [s].
     """
     if settings.speed > 0.0:
-        way = track.feature_range[1] - start_x + limit / probe.stiffness
+        way = track.feature_range[1] - start_x + pull_limit / probe.stiffness
         duration = way / settings.speed + settings.ring_time
     else:
         duration = _PULLED * settings.ring_time
-    steps = math.ceil(duration / longest)
+    steps = math.ceil(duration / longest_time_step)
     if steps > _MOST_STEPS:
         raise ContactError(
-            f"drag of {duration:g} s needs {steps} steps of {longest:.2g} s, more than "
+            f"drag of {duration:g} s needs {steps} steps of {longest_time_step:.2g} s, more than "
             f"{_MOST_STEPS}; drag faster"
         )
-    steps_per_row = max(round(1.0 / (settings.sample_rate * longest)), 1)
+    steps_per_row = max(round(1.0 / (settings.sample_rate * longest_time_step)), 1)
     time_step = 1.0 / (settings.sample_rate * steps_per_row)  # rows at exactly the sample rate
     steps = math.ceil(duration / time_step)
     if steps // steps_per_row > _MOST_ROWS:
@@ -112,21 +113,21 @@ def plan_steps(
     return kernels.Pace(time_step, steps, steps_per_row)
 
 
-def build_path(
-    track: Track, depth: float, patch: float, window: float, parting: float
+def build_contact_path(
+    track: Track, depth: float, contact_patch: float, kink_window: float, branch_depth: float
 ) -> kernels.Path:
     """Build the path that the contact follows: kinks that it presses flat are bends there.
 
     All lengths in m: indentation under the load, radius of the patch of contact, window about a
     kink, and the depth by which the branches part at its end.
     """
-    shared = track.list_separate_kinks(depth, window)
-    pressed = track.flatten_kinks(shared, patch)
-    branches = track.compute_branch_cubics(shared, parting, window)
+    shared = track.list_kinks_with_two_contacts(depth, kink_window)
+    pressed = track.flatten_kinks(shared, contact_patch)
+    branches = track.compute_branch_cubics(shared, branch_depth, kink_window)
     return kernels.Path(pressed.x, pressed.cubics, pressed.kinks, branches)
 
 
-def build_model(
+def build_integrator_model(
     probe: Probe, settings: DragSettings, window: float, bristle_stiffness: float
 ) -> kernels.Model:
     """Build what the integrator knows of probe and settings, all numbers as floats.

@@ -99,7 +99,7 @@ class Probe:
         """Natural frequency of the first mode along the drag [Hz]."""
         return math.sqrt(self.first_stiffness / self.mass) / (2.0 * math.pi)
 
-    def find_indentation(self, force: float) -> float:
+    def compute_indentation(self, force: float) -> float:
         """Find the indentation at which the contact bears a force [m]."""
         return float((force / self.contact_stiffness) ** (1.0 / self.contact_power))
 
@@ -235,7 +235,7 @@ class DragSettings:
         """Coefficient of friction at rest [1]."""
         return self.static_friction or self.friction
 
-    def find_sliding_force(self, slope: float = 0.0) -> float:
+    def compute_sliding_force(self, slope: float = 0.0) -> float:
         """Find the pull that slides the tip up a slope [1], N tan(atan s + atan mu) [N]."""
         tangent = (slope + self.friction) / (1.0 - slope * self.friction)
         return tangent * self.normal_load + self.tissue_friction

@@ -264,7 +264,7 @@ def _list_causes(drag: DragResult) -> dict[str, float]:
     """List what equation (1) leaves out, and what each adds to its pull to first order [N]."""
     trace, probe, settings = drag.trace, drag.trace.probe, drag.trace.settings
     pull, angle, load = drag.formula.pull_force, drag.formula.angle, settings.normal_load
-    depth = probe.find_indentation(load)
+    depth = probe.compute_indentation(load)
     height = compute_height_at_angle(angle, drag.ball_radius)
     pressed_height = max(height - depth, 0.0)
     pressed_angle = compute_step_angle(pressed_height, drag.ball_radius)

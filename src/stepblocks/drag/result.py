@@ -7,7 +7,7 @@ import pandas as pd
 
 from stepblocks.contact.energy import Release, Status
 from stepblocks.contact.operating_point import PAPER, Tool
-from stepblocks.drag.events import list_events
+from stepblocks.drag.events import list_surface_events
 from stepblocks.drag.probe import Setting
 from stepblocks.drag.ring import Ring, measure_ring
 from stepblocks.drag.simulate import DragEvent, DragTrace
@@ -40,7 +40,7 @@ class DragResult:
         The columns are the fields of `DragEvent`.
         """
         columns = [field.name for field in fields(DragEvent)]
-        events = list_events(self.trace, self.backward, self.within)
+        events = list_surface_events(self.trace, self.backward, self.within)
         frame = pd.DataFrame([asdict(event) for event in events], columns=columns)
         for name in ("status", "belongs_to"):  # plain texts in place of enumerations
             frame[name] = [getattr(event, name).value for event in events]

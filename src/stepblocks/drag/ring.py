@@ -78,7 +78,7 @@ class Ring:
     mode_energies: tuple[float, ...] = ()
 
 
-def _cut_ring(trace: DragTrace, event: int) -> DragTrace:
+def _cut_ring_of_event(trace: DragTrace, event: int) -> DragTrace:
     """Cut what belongs to one release: its pull, from the release to the next one or to the end.
 
     `event` is the number of the release, or -1 for the only one of a trace without events.
@@ -103,14 +103,14 @@ def _cut_ring(trace: DragTrace, event: int) -> DragTrace:
     )
 
 
-def measure_ring(trace: DragTrace, *, spectra: bool = True, event: int | None = None) -> Ring:
+def measure_ring(trace: DragTrace, *, with_spectra: bool = True, event: int | None = None) -> Ring:
     """Measure the ring of the release that was asked about, or of another event.
 
     Parameters
     ----------
     trace : DragTrace
         With a release.
-    spectra : bool
+    with_spectra : bool
         Whether to compute the three spectral figures, which takes longer than the drag itself.
     event : int, optional
         Number of the event; by default the one that was asked about.
@@ -118,7 +118,7 @@ def measure_ring(trace: DragTrace, *, spectra: bool = True, event: int | None = 
     Returns
     -------
     Ring
-        Its spectral figures are NaN without `spectra`.
+        Its spectral figures are NaN without `with_spectra`.
 
     Raises
     ------
@@ -127,9 +127,9 @@ def measure_ring(trace: DragTrace, *, spectra: bool = True, event: int | None = 
         given.
     """
     if event is None:
-        _refuse_short_trace(trace)
+        _refuse_trace_without_ring(trace)
         event = trace.asked
-    cut = _cut_ring(trace, event)
+    cut = _cut_ring_of_event(trace, event)
     level = cut.sliding_force
     swing = _cut_first_swing(cut, level)
     force = swing.column("fx_n")
@@ -156,17 +156,17 @@ def measure_ring(trace: DragTrace, *, spectra: bool = True, event: int | None = 
         level,
         energy,
         share=energy / available,
-        duration=_find_duration(cut, amplitude),
-        decay_time=_find_decay_time(cut),
+        duration=_compute_ring_duration(cut, amplitude),
+        decay_time=_estimate_decay_time(cut),
         fall_energy=fall,
         mode_energies=mode_energies,
     )
-    if spectra:
-        return _add_spectra(ring, trace)
+    if with_spectra:
+        return _add_spectral_figures(ring, trace)
     return ring
 
 
-def _refuse_short_trace(trace: DragTrace) -> None:
+def _refuse_trace_without_ring(trace: DragTrace) -> None:
     """Refuse a trace whose release is missing or too close to its end."""
     if trace.status is not Status.RELEASES:
         raise ContactError(f"a trace that is {trace.status} has no ring")
@@ -202,7 +202,7 @@ def _compute_mode_energies(swing: DragTrace, level: float) -> tuple[float, ...]:
     return tuple((0.5 * amplitudes * amplitudes / stiffness).tolist())
 
 
-def _find_duration(cut: DragTrace, amplitude: float) -> float:
+def _compute_ring_duration(cut: DragTrace, amplitude: float) -> float:
     """Find the time until the force stays near where it settles [s]."""
     deviation = np.abs(cut.column("fx_n") - _measure_settled_force(cut))
     loud = np.flatnonzero(deviation > _QUIET * amplitude)
@@ -211,15 +211,15 @@ def _find_duration(cut: DragTrace, amplitude: float) -> float:
     return float(cut.column("time_s")[loud[-1]] - cut.release_time)
 
 
-def _add_spectra(ring: Ring, trace: DragTrace) -> Ring:
+def _add_spectral_figures(ring: Ring, trace: DragTrace) -> Ring:
     """Return the ring with its three spectral figures."""
     frequencies, power = compute_phase_spectrum(trace, Phase.VIBRATION)
     loading = compute_phase_spectrum(trace, Phase.LOADING)
     return replace(
         ring,
         frequency=float(frequencies[np.argmax(power)]),
-        loading_share=compute_band_share(*loading, LOADING_BAND),
-        ring_band_share=compute_band_share(frequencies, power, RING_BAND),
+        loading_share=compute_spectral_band_share(*loading, LOADING_BAND),
+        ring_band_share=compute_spectral_band_share(frequencies, power, RING_BAND),
     )
 
 
@@ -250,7 +250,7 @@ def compute_phase_spectrum(
     from scipy.signal import periodogram
 
     rate = trace.settings.sample_rate
-    values = trace.column(channel)[_select_phase(trace, phase)]
+    values = trace.column(channel)[_mark_phase_samples(trace, phase)]
     if values.size < _FEWEST_OF_PHASE:
         raise ContactError(
             f"the {phase} phase has {values.size} samples, at least {_FEWEST_OF_PHASE} are needed"
@@ -260,7 +260,7 @@ def compute_phase_spectrum(
     return np.asarray(frequency), np.asarray(density * values.size / rate)
 
 
-def _select_phase(trace: DragTrace, phase: str) -> NDArray[np.bool_]:
+def _mark_phase_samples(trace: DragTrace, phase: str) -> NDArray[np.bool_]:
     """Select the samples of a phase; the loading begins where the place before lets go."""
     if phase not in tuple(Phase):
         raise ContactError(f"phase must be loading or vibration, got {phase!r}")
@@ -270,14 +270,14 @@ def _select_phase(trace: DragTrace, phase: str) -> NDArray[np.bool_]:
         if trace.asked > 0:
             before = trace.events[trace.asked - 1].released_s
         return np.asarray((time < trace.release_time) & (time > before))
-    cut = _cut_ring(trace, trace.asked)
+    cut = _cut_ring_of_event(trace, trace.asked)
     begin = _find_fall_time(cut)
     last = float(cut.column("time_s")[-1])
     end = min(begin + _PAPER_RING, math.nextafter(last, math.inf))
     return np.asarray((time >= begin) & (time < end))
 
 
-def _find_decay_time(cut: DragTrace) -> float:
+def _estimate_decay_time(cut: DragTrace) -> float:
     """Find the time after the fall in which the swings sink to 1/e of the first [s].
 
     A swing is the greatest deviation in half a period. NaN where the trace ends before.
@@ -317,11 +317,11 @@ def _find_fall_time(cut: DragTrace) -> float:
     return float(cut.column("time_s")[below[0]])
 
 
-def compute_band_share(
-    frequency: NDArray[np.float64], energy: NDArray[np.float64], band: tuple[float, float]
+def compute_spectral_band_share(
+    frequencies: NDArray[np.float64], energy: NDArray[np.float64], band: tuple[float, float]
 ) -> float:
     """Return the share of a spectrum's energy between two frequencies [1]."""
     low, high = band
-    is_inside = (frequency >= low) & (frequency <= high)
+    is_inside = (frequencies >= low) & (frequencies <= high)
     inside = energy[is_inside].sum()
     return float(inside / energy.sum())

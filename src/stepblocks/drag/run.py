@@ -18,7 +18,7 @@ from stepblocks.contact.laws import ContactLaw, FrictionLaw
 from stepblocks.contact.operating_point import Limits, Tool
 from stepblocks.declaration.read import Sets
 from stepblocks.drag.events import drag_face
-from stepblocks.drag.figures import draw_forces, draw_spectra, plot_force
+from stepblocks.drag.figures import draw_forces, draw_spectra, plot_force_with_events
 from stepblocks.drag.kernels import COLUMNS
 from stepblocks.drag.probe import SETTINGS, Setting
 from stepblocks.drag.record import build_record
@@ -70,7 +70,7 @@ def _read_quantities_in_si(keywords: Mapping[str, object]) -> dict[str, Any]:
     if unknown:
         raise PipelineError(
             f"{', '.join(unknown)} must be one of {', '.join(_DIMENSIONS)}, contact, tool, "
-            f"x_range{_suggest_name(unknown[0])}"
+            f"x_range{_format_name_suggestion(unknown[0])}"
         )
     values: dict[str, Any] = {}
     for name, value in keywords.items():
@@ -81,7 +81,7 @@ def _read_quantities_in_si(keywords: Mapping[str, object]) -> dict[str, Any]:
     return values
 
 
-def _suggest_name(word: str) -> str:
+def _format_name_suggestion(word: str) -> str:
     """Suggest the keyword that was probably meant; an empty text where none is near."""
     near = get_close_matches(word, _DIMENSIONS, 1)
     if not near:
@@ -140,7 +140,7 @@ class Drag(DragResult):
         -------
         matplotlib.axes.Axes
         """
-        axes = plot_force(self.trace, get_or_make_axes(ax))
+        axes = plot_force_with_events(self.trace, get_or_make_axes(ax))
         axes.set_xlabel("time [ms]")
         axes.set_title(self.title, fontsize=10)
         return axes
@@ -236,11 +236,11 @@ def drag_over(
     >>> done.events.belongs_to.tolist()
     ['feature']
     """
-    named = _find_setting(setting)
+    named = _get_named_setting(setting)
     keywords = _read_quantities_in_si(values)
     if named is not None:
         keywords = {"load": named.normal_load, "friction": named.friction} | keywords
-    settings = _choose_settings(keywords)
+    settings = _select_drag_settings(keywords)
     target = resolve_subject(subject, keywords, backward, stimuli, layout)
     chosen_contact = contact or target.point.contact
     chosen_tool = tool or target.point.tool
@@ -280,7 +280,7 @@ def drag_over(
     )
 
 
-def _find_setting(name: str | None) -> Setting | None:
+def _get_named_setting(name: str | None) -> Setting | None:
     """Find a named setting."""
     if name is None:
         return None
@@ -289,7 +289,7 @@ def _find_setting(name: str | None) -> Setting | None:
     return SETTINGS[name]
 
 
-def _choose_settings(values: Mapping[str, float]) -> dict[str, float]:
+def _select_drag_settings(values: Mapping[str, float]) -> dict[str, float]:
     """Choose the fields of `DragSettings` from the keywords; a pull moves the handle by a force."""
     if "pull" in values and "speed" in values:
         raise PipelineError("speed must not be given beside pull, which moves the handle")

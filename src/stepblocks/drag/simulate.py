@@ -9,15 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepblocks.contact.energy import Status
-from stepblocks.contact.laws import FrictionLaw, compile_coefficient
+from stepblocks.contact.laws import FrictionLaw, compile_friction_coefficient
 from stepblocks.drag import kernels
 from stepblocks.drag.catches import CatchPlaces, find_steepest_place
 from stepblocks.drag.plan import (
-    build_model,
-    build_path,
-    compute_needed_pulls,
-    find_force_limit,
-    find_grain,
+    build_contact_path,
+    build_integrator_model,
+    choose_time_step_and_bristles,
+    compute_formula_pulls,
+    compute_locking_pull,
     plan_steps,
 )
 from stepblocks.drag.probe import DragSettings, Probe
@@ -161,15 +161,15 @@ class DragTrace:
     def sliding_force(self) -> float:
         """Tangential force that slides the tip up the face where it lands after the release [N]."""
         if self.asked < 0:
-            return self.settings.find_sliding_force()
+            return self.settings.compute_sliding_force()
         event = self.events[self.asked]
         since_release = self.column("time_s") - event.released_s
         in_first_swing = (since_release >= 0.0) & (since_release <= _SWING / self.probe.frequency)
         force = self.column("fx_n")[in_first_swing]
         x = self.column("x_m")[in_first_swing]
         landed = float(x[np.argmin(force)])
-        slope = self.track.find_landing_slope(event.place, landed)
-        return self.settings.find_sliding_force(slope)
+        slope = self.track.compute_landing_slope(event.place, landed)
+        return self.settings.compute_sliding_force(slope)
 
     def column(self, name: str) -> NDArray[np.float64]:
         """One column of the trace by its name, such as ``"fx_n"``."""
@@ -190,7 +190,7 @@ def simulate_drag(
     track: Track,
     probe: Probe,
     settings: DragSettings,
-    within: tuple[float, float] | None = None,
+    feature_range: tuple[float, float] | None = None,
 ) -> DragTrace:
     """Integrate the drag of a tip over a track until it has passed every place and rung.
 
@@ -198,14 +198,14 @@ def simulate_drag(
     ----------
     track, probe, settings : Track, Probe, DragSettings
         What is dragged over, by what and how.
-    within : tuple of float, optional
+    feature_range : tuple of float, optional
         Range along the track that was asked about [m].
 
     Returns
     -------
     DragTrace
         Its status is that of the place with the greatest critical angle, of those whose edge lies
-        `within` that range.
+        `feature_range` that range.
 
     Raises
     ------
@@ -214,20 +214,20 @@ def simulate_drag(
         coefficient on the way, or if the energy ledger does not close.
     """
     places = track.catch_places
-    needed = compute_needed_pulls(places, settings)
-    rises = _RISE * (needed - settings.find_sliding_force())
-    trace = _integrate(track, probe, settings, needed, rises)
+    needed = compute_formula_pulls(places, settings)
+    rises = _RISE * (needed - settings.compute_sliding_force())
+    trace = _integrate_once(track, probe, settings, needed, rises)
     errors = [trace.ledger_error, *(event.ledger_error for event in trace.events)]
     open_share = max(errors)
     if open_share > _OPEN and settings.resolution < _FINEST:
         finer = replace(settings, resolution=_FINER * settings.resolution)
-        return simulate_drag(track, probe, finer, within)
+        return simulate_drag(track, probe, finer, feature_range)
     if not open_share <= _OPEN:
         raise ContactError(
             f"the energy ledger of the drag does not close, {open_share:.1%} is open; raise the "
             "resolution"
         )
-    wanted = find_steepest_place(places, within)
+    wanted = find_steepest_place(places, feature_range)
     if wanted is None:
         return trace
     level_pull = (
@@ -235,39 +235,39 @@ def simulate_drag(
     )
     if needed[wanted] <= level_pull:
         return trace
-    return _judge_by_asked_place(trace, wanted, places, needed)
+    return _set_figures_of_asked_place(trace, wanted, places, needed)
 
 
-def _integrate(
+def _integrate_once(
     track: Track,
     probe: Probe,
     settings: DragSettings,
-    needed: NDArray[np.float64],
+    formula_pulls: NDArray[np.float64],
     rises: NDArray[np.float64],
 ) -> DragTrace:
     """Run the integrator once; the trace does not know yet which place was asked about.
 
-    Of each place, `needed` is the pull of equation (1) and `rises` the rise by which it holds the
-    tip [N].
+    Of each place, `formula_pulls` is the pull of equation (1), `rises` the rise by which it holds
+    the tip [N].
     """
     places = track.catch_places
-    limit = find_force_limit(needed, settings)
-    grain = find_grain(probe, settings, limit)
+    limit = compute_locking_pull(formula_pulls, settings)
+    grain = choose_time_step_and_bristles(probe, settings, limit)
     start_x = max(track.feature_range[0] - settings.lead, float(track.x[0]))
     pace = plan_steps(track, probe, settings, start_x, limit, grain.time_step)
-    depth = probe.find_indentation(settings.normal_load)
+    depth = probe.compute_indentation(settings.normal_load)
     patch = math.sqrt(track.ball_radius * depth)
     window = min(NEAR * track.ball_radius, PATCHES * patch)
-    path = build_path(track, depth, patch, window, _BLOW * grain.blow)
-    model = build_model(probe, settings, window, grain.bristle_stiffness)
+    path = build_contact_path(track, depth, patch, window, _BLOW * grain.blow)
+    model = build_integrator_model(probe, settings, window, grain.bristle_stiffness)
     overtones = np.array(probe.overtones).reshape(-1, 3)
-    sliding_pull = settings.find_sliding_force()
+    sliding_pull = settings.compute_sliding_force()
     start = kernels.Start(
         x=start_x,
         y=float(np.interp(start_x, track.x, track.z)) - depth,
         stretch=probe.compute_stretch(sliding_pull),
     )
-    locks = np.isinf(needed)
+    locks = np.isinf(formula_pulls)
     catches = kernels.Places(places.start, places.last, places.behind, locks, rises)
     stop = kernels.Stop(
         left=float(path.knots[0]),
@@ -279,11 +279,11 @@ def _integrate(
     law = settings.friction_law
     coefficient = None
     if law is not None:
-        coefficient = compile_coefficient(law.coefficient)
+        coefficient = compile_friction_coefficient(law.coefficient)
     outcome = kernels.integrate(path, model, overtones, start, pace, catches, stop, coefficient)
     if law is not None:
         _refuse_law_without_coefficient(law, outcome.rows)
-    events = _read_passages(outcome.passages, places, needed, rises, sliding_pull)
+    events = _build_passage_events(outcome.passages, places, formula_pulls, rises, sliding_pull)
     return DragTrace(
         rows=outcome.rows.copy(),
         status=Status.NO_CATCH,
@@ -312,17 +312,17 @@ def _refuse_law_without_coefficient(law: FrictionLaw, rows: NDArray[np.float64])
             )
 
 
-def _read_passages(
+def _build_passage_events(
     passages: NDArray[np.float64],
     places: CatchPlaces,
-    needed: NDArray[np.float64],
+    formula_pulls: NDArray[np.float64],
     rises: NDArray[np.float64],
     sliding_pull: float,
 ) -> tuple[DragEvent, ...]:
     """Read the passages of the integrator, shape (n, 17), as events with their own ledgers.
 
-    Of each place, `needed` is the pull of equation (1) and `rises` the rise by which it holds the
-    tip; `sliding_pull` is that of level ground [N].
+    Of each place, `formula_pulls` is the pull of equation (1), `rises` the rise by which it holds
+    the tip; `sliding_pull` is that of level ground [N].
     """
     noted = len(kernels.Passage._fields)
     ledgers = passages[:, noted:]
@@ -338,7 +338,7 @@ def _read_passages(
         if not math.isfinite(pull):  # it never rose
             released = passage.passed_time
             pull = math.nan
-        status = _classify_passage(passage, needed[place], rises[place], sliding_pull)
+        status = _classify_passage(passage, formula_pulls[place], rises[place], sliding_pull)
         ledger_error = _compute_unexplained_share(ledger - ledger_before, least)
         event = DragEvent(
             place=place,
@@ -347,7 +347,7 @@ def _read_passages(
             x_m=float(places.x[place]),
             contact_x_m=float(places.contact[place]),
             critical_angle_deg=math.degrees(places.angle[place]),
-            formula_pull_n=float(needed[place]),
+            formula_pull_n=float(formula_pulls[place]),
             caught_s=passage.least_time,
             released_s=released,
             pull_n=pull,
@@ -359,10 +359,10 @@ def _read_passages(
 
 
 def _classify_passage(
-    passage: kernels.Passage, needed: float, rise: float, sliding_pull: float
+    passage: kernels.Passage, formula_pull: float, rise: float, sliding_pull: float
 ) -> Status:
     """Tell whether a place held the tip, which needs a rise of the pull [N]."""
-    if math.isinf(needed):
+    if math.isinf(formula_pull):
         return Status.LOCKED
     has_risen = passage.greatest - passage.least > rise
     # a spring that pulls less than the force of sliding has lifted nothing
@@ -371,8 +371,8 @@ def _classify_passage(
     return Status.RUN_OVER
 
 
-def _judge_by_asked_place(
-    trace: DragTrace, place_index: int, places: CatchPlaces, needed_pulls: NDArray[np.float64]
+def _set_figures_of_asked_place(
+    trace: DragTrace, place_index: int, places: CatchPlaces, formula_pulls: NDArray[np.float64]
 ) -> DragTrace:
     """Return the trace with status and figures of the place that was asked about, by its index.
 
@@ -382,7 +382,7 @@ def _judge_by_asked_place(
     if not met:
         reason = (
             f"the tip does not pass x = {places.x[place_index] * 1e3:.4g} mm, which takes "
-            f"{needed_pulls[place_index]:.4g} N; the pull grows to {trace.peak_force:.4g} N"
+            f"{formula_pulls[place_index]:.4g} N; the pull grows to {trace.peak_force:.4g} N"
         )
         return replace(trace, status=Status.LOCKED, reason=reason)
     asked = met[0]
@@ -400,11 +400,11 @@ def _judge_by_asked_place(
         peak_force=peak_force,
         release_time=event.released_s,
         asked=asked,
-        reason=_explain_event(trace, event),
+        reason=_explain_missing_release(trace, event),
     )
 
 
-def _explain_event(trace: DragTrace, event: DragEvent) -> str:
+def _explain_missing_release(trace: DragTrace, event: DragEvent) -> str:
     """Say in a sentence why an event is not a release; empty for a release."""
     if event.status is Status.LOCKED:
         return (

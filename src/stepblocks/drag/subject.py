@@ -36,39 +36,43 @@ class Subject:
 
 def resolve_subject(
     subject: "Scan | Counterface | Part",
-    values: Mapping[str, float],
+    replaced_values: Mapping[str, float],
     backward: bool = False,
     stimuli: Sets | None = None,
     layout: TableLayout = UNDECLARED,
 ) -> Subject:
-    """Find out what is to be dragged over; `values` [SI] replace what the paper or the set says."""
+    """Find out what is to be dragged over; `replaced_values` [SI] come before all else."""
     if is_quantity(subject) and not hasattr(getattr(subject, "magnitude", None), "__len__"):
         subject = f"{parse_quantity(subject, 'length')!r} m"
     if not isinstance(subject, (str, Path)):
         if hasattr(subject, "__len__"):  # a table or arrays
             subject = load_scan(cast("Scan", subject), layout=layout)
         name = getattr(subject, "id", "a counterface")
-        return _make_surface_subject(name, convert_to_counterface(subject), values)
+        return _make_surface_subject(name, convert_to_counterface(subject), replaced_values)
     path = Path(subject)
     suffix = path.suffix.lower()
     if suffix == ".csv":
         profile = _read_profile(path, layout)
-        return _make_surface_subject(escape_file_name(path.name), profile, values, f"[{path}]")
+        return _make_surface_subject(
+            escape_file_name(path.name), profile, replaced_values, f"[{path}]"
+        )
     if suffix not in ("", ".toml") and path.is_file():  # of an instrument
         face = convert_to_counterface(load_scan(path, layout=layout))
-        return _make_surface_subject(escape_file_name(path.name), face, values, f"[{path}]")
+        return _make_surface_subject(
+            escape_file_name(path.name), face, replaced_values, f"[{path}]"
+        )
     refuse_declared_layout(layout, "a step or a declared stimulus", PipelineError)
     try:
         height = parse_quantity(str(subject), "length")
     except QuantityError:
         declared = _find_declared_part(str(subject), stimuli)
-        return _resolve_declared_part(declared, values, backward)
-    if "step_height" in values:
+        return _make_declared_subject(declared, replaced_values, backward)
+    if "step_height" in replaced_values:
         raise PipelineError(f"step_height is for a declared tip, the step here is {subject}")
     return Subject(
         f"a step of {format_quantity(height, 'length')}",
-        Step(height, values.get("edge_radius", 0.0)),
-        change_point(PAPER, values),
+        Step(height, replaced_values.get("edge_radius", 0.0)),
+        change_operating_point(PAPER, replaced_values),
     )
 
 
@@ -92,7 +96,7 @@ def _make_surface_subject(
         if size in values:
             rule = f"{size} is for a plain step; {face!r} has its own shape {place}"
             raise PipelineError(rule.rstrip())
-    return Subject(name, face, change_point(PAPER, values), place)
+    return Subject(name, face, change_operating_point(PAPER, values), place)
 
 
 class _DeclaredPart(NamedTuple):
@@ -102,7 +106,7 @@ class _DeclaredPart(NamedTuple):
     part: Part
 
 
-def _resolve_declared_part(
+def _make_declared_subject(
     declared: _DeclaredPart, values: Mapping[str, float], backward: bool
 ) -> Subject:
     """Make a subject of a part that a tip crosses, or of a tip over a step.
@@ -110,7 +114,7 @@ def _resolve_declared_part(
     It is under the first conditions of its set, tip, load and friction, unless `values` differ.
     """
     stimuli, part = declared
-    _refuse_declared_values(declared, values)
+    _refuse_values_declared_by_part(declared, values)
     point = choose_operating_point(stimuli, part, {})
     if part.crossed:
         face = part.counterface(None)
@@ -126,10 +130,10 @@ def _resolve_declared_part(
         if part.ball is None:
             probe = f"probe in {part.id}"
         name = f"{probe} over a step of {format_quantity(height, 'length')}"
-    return Subject(name, face, change_point(point, values))
+    return Subject(name, face, change_operating_point(point, values))
 
 
-def _refuse_declared_values(declared: _DeclaredPart, values: Mapping[str, float]) -> None:
+def _refuse_values_declared_by_part(declared: _DeclaredPart, values: Mapping[str, float]) -> None:
     """Refuse a value that the part declares itself."""
     stimuli, part = declared
     rules = {"edge_radius": "--edge-radius is for a plain step; a stimulus declares its own"}
@@ -142,7 +146,7 @@ def _refuse_declared_values(declared: _DeclaredPart, values: Mapping[str, float]
             raise PipelineError(f"{rule} [{stimuli.name}/{part.id}]")
 
 
-def change_point(point: OperatingPoint, values: Mapping[str, float]) -> OperatingPoint:
+def change_operating_point(point: OperatingPoint, values: Mapping[str, float]) -> OperatingPoint:
     """Return the point with the given values; a new coefficient replaces a law of friction."""
     of_tool: dict[str, Any] = {name: values[name] for name in OF_TOOL if name in values}
     changes: dict[str, Any] = {"tool": replace(point.tool, **of_tool)}
@@ -154,7 +158,7 @@ def change_point(point: OperatingPoint, values: Mapping[str, float]) -> Operatin
     return replace(point, **changes)
 
 
-def _yield_parts_and_edges(declared: StimulusSet) -> Iterator[Part]:
+def _iterate_parts_and_edges(declared: StimulusSet) -> Iterator[Part]:
     """Yield the parts of a set, and behind each with two steps its edges as blocks of their own."""
     for part in declared.stimuli:
         yield part
@@ -174,7 +178,7 @@ def _find_declared_part(text: str, stimuli: Sets | None) -> _DeclaredPart:
         raise PipelineError(f"{_RULE}, or FILE.toml/ID (no folder stimuli here), got {text!r}")
     matches = []
     for declared, _ in sets:
-        for part in _yield_parts_and_edges(declared):
+        for part in _iterate_parts_and_edges(declared):
             if matches_pattern(pattern, declared.name, part.id):
                 matches.append(_DeclaredPart(declared, part))
     if not matches:

@@ -95,32 +95,32 @@ class Track(CentrePath):
         height, slope, _ = _evaluate_cubics(self.cubics[piece], x - self.x[piece])
         return height, slope
 
-    def find_landing_slope(self, place: int, landed: float) -> float:
-        """Slope of the face behind a place where the tip has `landed` [m] after its release [1].
+    def compute_landing_slope(self, place_number: int, landing_x: float) -> float:
+        """Slope of the face behind a place where the tip lands after its release [1].
 
         It is the median over what the ball touches there; where it turns about an edge it touches
         nothing new. Down a face that falls it counts as far as the tip has come.
         """
-        begin, end = self._find_landing_face(place, landed)
+        begin, end = self._find_landing_face(place_number, landing_x)
         width_on_face = np.diff(np.clip(self.x, begin, end))
-        touched = self._compute_touched_lengths() * width_on_face
+        touched = self._compute_touched_length_ratios() * width_on_face
         face = 0.0
         if touched.sum() > _LEAST_FACE * self.ball_radius:
-            face = _find_weighted_median(np.diff(self.z) / np.diff(self.x), touched)
-        slope_where_landed = float(self.find_height_and_slope(np.array(landed))[1])
+            face = _compute_weighted_median(np.diff(self.z) / np.diff(self.x), touched)
+        slope_where_landed = float(self.find_height_and_slope(np.array(landing_x))[1])
         return max(face, min(slope_where_landed, 0.0))
 
-    def _find_landing_face(self, place: int, landed: float) -> tuple[float, float]:
+    def _find_landing_face(self, place_number: int, landing_x: float) -> tuple[float, float]:
         """Find from where to where [m] the face behind a place counts."""
         radius, places = self.ball_radius, self.catch_places
-        behind_edge = places.last[place] + radius * math.sin(places.angle[place])
-        begin = max(behind_edge, landed - radius)
-        is_steep = places.angle[place + 1 :] > 0.5 * places.angle[place]
-        next_steep = places.x[place + 1 :][is_steep]
+        behind_edge = places.last[place_number] + radius * math.sin(places.angle[place_number])
+        begin = max(behind_edge, landing_x - radius)
+        is_steep = places.angle[place_number + 1 :] > 0.5 * places.angle[place_number]
+        next_steep = places.x[place_number + 1 :][is_steep]
         end = next_steep.min(initial=begin + 2.0 * radius)
         return begin, max(begin, end)
 
-    def _compute_touched_lengths(self) -> Array:
+    def _compute_touched_length_ratios(self) -> Array:
         """Return the length of surface newly touched along each piece, over that piece [1]."""
         radius, width = self.ball_radius, np.diff(self.x)
         sine_before = self.slope_start / np.hypot(1.0, self.slope_start)
@@ -128,7 +128,7 @@ class Track(CentrePath):
         turned = radius * (sine_behind - sine_before)  # by which the contact runs ahead [m]
         return np.clip(1.0 + turned / width, 0.0, 1.0)
 
-    def list_separate_kinks(self, depth: float, window: float) -> NDArray[np.int64]:
+    def list_kinks_with_two_contacts(self, depth: float, window: float) -> NDArray[np.int64]:
         """List the kinks at which two contacts share the load and part before the next one is near.
 
         One whose branches, continued half way to a sharper kink or to the end of a window [m], do
@@ -136,7 +136,7 @@ class Track(CentrePath):
         without another in reach of the window and of the patch of contact is a low step.
         """
         places = self.x[self.kinks]
-        gaps = _measure_gaps(places)
+        gaps = _compute_gaps(places)
         patch = math.sqrt(self.ball_radius * depth)
         nearest = np.minimum(gaps[:-1], gaps[1:])
         is_alone = nearest > 2.0 * max(window, patch)
@@ -153,24 +153,26 @@ class Track(CentrePath):
                 kept.append(number)
         return np.array(sorted(kept), dtype=np.int64)
 
-    def _measure_branch_depths(self, number: int, reach: Array) -> Array:
+    def _measure_branch_depths(self, kink_number: int, reach: Array) -> Array:
         """Measure the depth of both branches at a kink below the path at a distance [m], (2, n)."""
-        height, slope, square = self.branch_coefficients[number].T[:, :, None]
+        height, slope, square = self.branch_coefficients[kink_number].T[:, :, None]
         branch = height + reach * (slope + reach * square)
-        kink = self.x[self.kinks][number]
+        kink = self.x[self.kinks][kink_number]
         height_of_path, _ = self.find_height_and_slope(kink + reach)
         return np.asarray(height_of_path - branch)
 
-    def compute_branch_cubics(self, kept: NDArray[np.int64], depth: float, window: float) -> Array:
-        """Return coefficients of both branches at the kinks that are `kept`, shape (k, 2, 4).
+    def compute_branch_cubics(
+        self, kept_kinks: NDArray[np.int64], depth: float, window: float
+    ) -> Array:
+        """Return coefficients of both branches at the `kept_kinks`, shape (k, 2, 4).
 
         A cubic term lets each part from the path by a `depth` [m] half way to the next kink, or at
         the end of a window [m]: a contact that ended there at once would make energy of nothing.
         """
-        places = self.x[self.kinks[kept]]
-        room = 0.5 * _measure_gaps(places).clip(max=2.0 * window)
+        places = self.x[self.kinks[kept_kinks]]
+        room = 0.5 * _compute_gaps(places).clip(max=2.0 * window)
         reach = np.column_stack([room[1:], -room[:-1]])
-        height, slope, square = self.branch_coefficients[kept].transpose(2, 0, 1)
+        height, slope, square = self.branch_coefficients[kept_kinks].transpose(2, 0, 1)
         branch = height + reach * (slope + reach * square)
         height_of_path, _ = self.find_height_and_slope(places[:, None] + reach)
         apart = height_of_path - branch
@@ -185,25 +187,25 @@ class Track(CentrePath):
         cube = -missing / reach**3
         return np.stack([height, slope, square, cube], axis=-1)
 
-    def flatten_kinks(self, kept: NDArray[np.int64], patch: float) -> "Track":
-        """Return the track with a bend in the place of each kink that is not `kept`.
+    def flatten_kinks(self, kept_kinks: NDArray[np.int64], patch: float) -> "Track":
+        """Return the track with a bend in the place of each kink but the `kept_kinks`.
 
         A bend reaches half way to the next kinks, at most as far as the `patch` of contact [m]: at
         a corner the normal would turn at once, and the energy of the contact jump.
         """
-        if kept.size == self.kinks.size:
+        if kept_kinks.size == self.kinks.size:
             return self
         places = self.x[self.kinks]
-        room = _HALF * _measure_gaps(places)
+        room = _HALF * _compute_gaps(places)
         narrower = np.minimum(room[:-1], room[1:])
         width = np.clip(narrower, _BEND * self.ball_radius, patch)
-        first = np.delete(places - width, kept)
-        last = np.delete(places + width, kept)
+        first = np.delete(places - width, kept_kinks)
+        last = np.delete(places + width, kept_kinks)
         knots = np.unique(np.concatenate([self.x, first, last]))
         begun = np.searchsorted(np.sort(first), knots)
         ended = np.searchsorted(np.sort(last), knots, "right")
         is_bent = begun > ended
-        is_kept = np.isin(knots, places[kept])
+        is_kept = np.isin(knots, places[kept_kinks])
         knots = knots[~is_bent | is_kept]
         z, slope_behind = self.find_height_and_slope(knots)
         _, slope_before = self.find_height_and_slope(knots, "left")
@@ -213,7 +215,7 @@ class Track(CentrePath):
             z=z,
             slope_start=slope_behind[:-1],
             slope_end=slope_before[1:],
-            kinks=np.searchsorted(knots, places[kept]),
+            kinks=np.searchsorted(knots, places[kept_kinks]),
         )
 
     @cached_property
@@ -248,12 +250,12 @@ def _evaluate_cubics(cubics: Array, distance: Array) -> tuple[Array, Array, Arra
     return height, slope, square
 
 
-def _measure_gaps(places: Array) -> Array:
+def _compute_gaps(positions: Array) -> Array:
     """Measure the gaps between places, infinite before the first and after the last, (n + 1,)."""
-    return np.diff(places, prepend=-math.inf, append=math.inf)
+    return np.diff(positions, prepend=-math.inf, append=math.inf)
 
 
-def _find_weighted_median(values: Array, weights: Array) -> float:
+def _compute_weighted_median(values: Array, weights: Array) -> float:
     """Find the weighted median of values."""
     order = np.argsort(values)
     share = np.cumsum(weights[order])
@@ -303,9 +305,9 @@ def build_profile_track(
     xs, zs = np.asarray(x, dtype=np.float64), np.asarray(z, dtype=np.float64)
     if backward:
         xs, zs = -xs[::-1], zs[::-1]
-    grid = _choose_grid(xs, ball_radius)
+    grid = _choose_coarse_grid(xs, ball_radius)
     coarse_path = build_profile_path(xs, zs, ball_radius, positions=grid)
-    notches = _find_notches(xs, zs, coarse_path)
+    notches = _find_sharpest_notches(xs, zs, coarse_path)
     if not (notches.behind <= _RISER).all():
         raise ContactError(
             "profile has a riser as high as the ball (too-high); the tip would never climb it"
@@ -314,7 +316,7 @@ def build_profile_track(
     room = _LEAST_PIECE * ball_radius
     is_apart = np.diff(notches.position, append=math.inf) > room
     is_kink = notches.behind - notches.before > _KINK
-    kinks = notches.keep_wanted(is_kink & is_apart)
+    kinks = notches.select_notches(is_kink & is_apart)
     nodes = _choose_nodes(grid, kinks, room, ball_radius)
     path = build_profile_path(xs, zs, ball_radius, positions=nodes)
     numbers = np.searchsorted(nodes, kinks.position)
@@ -336,7 +338,7 @@ def build_profile_track(
     )
 
 
-def _choose_grid(x: Array, ball_radius: float) -> Array:
+def _choose_coarse_grid(x: Array, ball_radius: float) -> Array:
     """Choose the positions at which a path is evaluated first [m].
 
     The ball meets the first point a radius before it, and leaves the last one as far behind.
@@ -374,12 +376,12 @@ class _Notches(NamedTuple):
     before: Array  # angle of the path to the left [rad]
     behind: Array  # angle of the path to the right [rad]
 
-    def keep_wanted(self, wanted: NDArray[np.bool_]) -> "_Notches":
+    def select_notches(self, wanted: NDArray[np.bool_]) -> "_Notches":
         """Return the notches of which `wanted`, shape (n,), is true."""
         return _Notches(self.position[wanted], self.before[wanted], self.behind[wanted])
 
 
-def _find_notches(x: Array, z: Array, path: TipPath) -> _Notches:
+def _find_sharpest_notches(x: Array, z: Array, path: TipPath) -> _Notches:
     """Find the sharpest notch between each two neighbouring positions of a path.
 
     Arcs and lines only bend down, so it lies in the half that turns up more.

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, BeforeValidator, Field
 
 from stepblocks.contact.energy import Status
-from stepblocks.contact.event import VibrationEvent, replace_not_finite_by_none
+from stepblocks.contact.event import VibrationEvent, replace_non_finite_by_none
 from stepblocks.contact.operating_point import OperatingPoint
 from stepblocks.errors import HapticsError
 from stepblocks.files.text import read_document
@@ -135,12 +135,12 @@ def load_devices(path: str | Path | None = None) -> tuple[Device, ...]:
     return tuple(by_id.values())
 
 
-def find_device(name: str, devices: tuple[Device, ...]) -> Device:
+def get_device(device_id: str, devices: tuple[Device, ...]) -> Device:
     """Find a device by its id, or say which there are."""
     by_id = {device.id: device for device in devices}
-    if name not in by_id:
-        raise HapticsError(f"device must be one of {', '.join(by_id)}, got {name!r}")
-    return by_id[name]
+    if device_id not in by_id:
+        raise HapticsError(f"device must be one of {', '.join(by_id)}, got {device_id!r}")
+    return by_id[device_id]
 
 
 class Faithfulness(StrEnum):
@@ -213,7 +213,7 @@ class RenderingPlan:
         fields["verdict"] = self.verdict.value
         fields["reasons"] = list(self.reasons)
         record = {}
-        for name, value in replace_not_finite_by_none(fields).items():
+        for name, value in replace_non_finite_by_none(fields).items():
             key = name
             if name in _UNITS:
                 key = f"{name}_{_UNITS[name]}"
@@ -235,11 +235,11 @@ def plan_rendering(
     Without a scale the plan takes the smallest at which the device follows the formula.
     """
     if scale is None:
-        scale = _choose_scale(device, event, point)
+        scale = _choose_smallest_scale(device, event, point)
     stiffness = point.tool.stiffness / scale
     force_step = stiffness * device.position_resolution.value
     ring_samples = device.update_rate.value / point.tool.frequency
-    pulled_force = _replace_if_not_finite(event.critical_force, device.peak_force.value)
+    pulled_force = _replace_if_non_finite(event.critical_force, device.peak_force.value)
     plan = RenderingPlan(
         device=device.id,
         stimulus=event.stimulus,
@@ -247,16 +247,16 @@ def plan_rendering(
         ball_radius=scale * point.ball_radius,
         stiffness=stiffness,
         critical_force=event.critical_force,
-        largest_force=_find_largest_force(event, point),
+        largest_force=_compute_largest_force(event, point),
         force_limit=device.peak_force.value,
         ring_energy=event.energy,
         force_step=force_step,
-        force_error=0.5 * force_step / _find_smallest_force(event, point),
+        force_error=0.5 * force_step / _compute_smallest_force(event, point),
         hand_travel=scale * pulled_force / point.tool.stiffness,
         ring_route=_choose_ring_route(event, ring_samples),
         ring_samples=ring_samples,
     )
-    refusals = _list_refusals(device, plan, point.normal_load)
+    refusals = _list_reasons_for_refusal(device, plan, point.normal_load)
     deviations = _list_deviations(device, plan, event)
     verdict = Faithfulness.FAITHFUL
     if refusals:
@@ -286,10 +286,10 @@ def choose_common_scale(
     return max(plan_rendering(device, *drag).scale for drag in drags)
 
 
-def require_renderable(plans: Iterable[RenderingPlan | None]) -> None:
+def require_renderable(rendering_plans: Iterable[RenderingPlan | None]) -> None:
     """Refuse what a device does not render, all of it in one message."""
     refused = []
-    for plan in plans:
+    for plan in rendering_plans:
         if plan is not None and plan.verdict is Faithfulness.IMPOSSIBLE:
             refused.append(plan)
     if not refused:
@@ -301,41 +301,41 @@ def require_renderable(plans: Iterable[RenderingPlan | None]) -> None:
     )
 
 
-def _replace_if_not_finite(value: float, otherwise: float) -> float:
+def _replace_if_non_finite(value: float, otherwise: float) -> float:
     """Return a value, or another where it is infinite or not a number."""
     if math.isfinite(value):
         return value
     return otherwise
 
 
-def _take_value_or_infinity(figure: Figure | None) -> float:
+def _get_limit_or_infinity(figure: Figure | None) -> float:
     """Return the value of a figure; infinite where the limit is not known."""
     if figure is None:
         return math.inf
     return figure.value
 
 
-def _find_smallest_force(event: VibrationEvent, point: OperatingPoint) -> float:
+def _compute_smallest_force(event: VibrationEvent, point: OperatingPoint) -> float:
     """Find the smaller of load and release force [N]."""
-    release_force = _replace_if_not_finite(event.critical_force, point.normal_load)
+    release_force = _replace_if_non_finite(event.critical_force, point.normal_load)
     return min(point.normal_load, release_force)
 
 
-def _find_largest_force(event: VibrationEvent, point: OperatingPoint) -> float:
+def _compute_largest_force(event: VibrationEvent, point: OperatingPoint) -> float:
     """Find the force on the hand at the release, pull and load together; else the load [N]."""
-    release_force = _replace_if_not_finite(event.critical_force, 0.0)
+    release_force = _replace_if_non_finite(event.critical_force, 0.0)
     return math.hypot(release_force, point.normal_load)
 
 
-def _choose_scale(device: Device, event: VibrationEvent, point: OperatingPoint) -> float:
+def _choose_smallest_scale(device: Device, event: VibrationEvent, point: OperatingPoint) -> float:
     """Choose the smallest scale at which positions and spring fit and the hand can travel."""
     stiffness = point.tool.stiffness
     force_step = stiffness * device.position_resolution.value
-    for_positions = 0.5 * force_step / (FORCE_ERROR * _find_smallest_force(event, point))
-    for_spring = stiffness / _take_value_or_infinity(device.stiffness_limit)
+    for_positions = 0.5 * force_step / (FORCE_ERROR * _compute_smallest_force(event, point))
+    for_spring = stiffness / _get_limit_or_infinity(device.stiffness_limit)
     wanted = max(for_positions, for_spring)
-    pulled_force = _replace_if_not_finite(event.critical_force, device.peak_force.value)
-    largest = 0.5 * _take_value_or_infinity(device.travel) * stiffness / pulled_force
+    pulled_force = _replace_if_non_finite(event.critical_force, device.peak_force.value)
+    largest = 0.5 * _get_limit_or_infinity(device.travel) * stiffness / pulled_force
     fitting = [scale for scale in _SCALES if scale <= largest] or [_SCALES[0]]
     for scale in fitting:
         if scale >= wanted * (1.0 - _ROUNDING):
@@ -343,10 +343,10 @@ def _choose_scale(device: Device, event: VibrationEvent, point: OperatingPoint) 
     return fitting[-1]
 
 
-def _list_refusals(device: Device, plan: RenderingPlan, load: float) -> list[str]:
+def _list_reasons_for_refusal(device: Device, plan: RenderingPlan, load: float) -> list[str]:
     """List why a device does not render a plan at all."""
     peak = device.peak_force.value
-    stiffness_limit = _take_value_or_infinity(device.stiffness_limit)
+    stiffness_limit = _get_limit_or_infinity(device.stiffness_limit)
     reasons = []
     if load > peak:
         reasons.append(f"the load of {load:g} N exceeds its peak force of {peak:g} N")
@@ -371,8 +371,8 @@ def _list_refusals(device: Device, plan: RenderingPlan, load: float) -> list[str
 def _list_deviations(device: Device, plan: RenderingPlan, event: VibrationEvent) -> list[str]:
     """List what a device loses of a plan that it renders."""
     held_force = plan.largest_force
-    continuous_force = _take_value_or_infinity(device.continuous_force)
-    travel_limit = _take_value_or_infinity(device.travel)
+    continuous_force = _get_limit_or_infinity(device.continuous_force)
+    travel_limit = _get_limit_or_infinity(device.travel)
     reasons = []
     if plan.force_error > FORCE_ERROR * (1.0 + _ROUNDING):
         reasons.append(

@@ -56,17 +56,17 @@ def write_feel_page(files: Sets, page: str | Path) -> int:
     stimuli = []
     for declared, place in load_sets(files):
         for part in declared.keep_felt().stimuli:
-            stimuli.append(_describe_stimulus(declared, part, place))
+            stimuli.append(_make_stimulus_fields(declared, part, place))
     if not stimuli:
         raise PipelineError("the page needs a stimulus that is felt, got parts of the apparatus")
-    script = _read_scripts()
+    script = _read_joined_scripts()
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     data = json.dumps(stimuli, allow_nan=False, separators=(",", ":"))
     text = render_page(
         "stepblocks.haptics",
         "feel.html",
         stimuli=stimuli,
-        first=_find_first_shown(stimuli),
+        first=_find_index_of_first_shown(stimuli),
         script=script,
         script_hash=f"'sha256-{digest}'",
         data=data.replace("<", "\\u003c"),  # "<" ends no script, whatever a set is called
@@ -75,13 +75,13 @@ def write_feel_page(files: Sets, page: str | Path) -> int:
     return len(stimuli)
 
 
-def _read_scripts() -> str:
+def _read_joined_scripts() -> str:
     """Join the scripts of the page."""
     templates = package_files("stepblocks.haptics").joinpath("templates")
     return "\n" + "".join(templates.joinpath(name).read_text("utf-8") for name in _SCRIPTS)
 
 
-def _find_first_shown(stimuli: Sequence[Mapping[str, object]]) -> int:
+def _find_index_of_first_shown(stimuli: Sequence[Mapping[str, object]]) -> int:
     """Find the place of the stimulus that the page opens with."""
     for place, stimulus in enumerate(stimuli):
         if stimulus["name"] == _FIRST_SHOWN:
@@ -89,7 +89,7 @@ def _find_first_shown(stimuli: Sequence[Mapping[str, object]]) -> int:
     return 0
 
 
-def _describe_stimulus(stimuli: StimulusSet, part: Part, place: str) -> dict[str, object]:
+def _make_stimulus_fields(stimuli: StimulusSet, part: Part, file_place: str) -> dict[str, object]:
     """Describe a stimulus for the page: its conditions, and the outline of each variant."""
     point = choose_operating_point(stimuli, part, {})
     tool = point.tool
@@ -97,11 +97,11 @@ def _describe_stimulus(stimuli: StimulusSet, part: Part, place: str) -> dict[str
     steps: Sequence[float | None] = stimuli.prediction.step_heights
     if part.crossed:
         steps = (None,)
-    variants = [_describe_outline(part.counterface(step), step) for step in steps]
+    variants = [_make_outline_fields(part.counterface(step), step) for step in steps]
     return {
         "name": part.id,
         "set": stimuli.name,
-        "file": place,
+        "file": file_place,
         "radius": point.ball_radius,
         "load": point.normal_load,
         "friction": point.friction,
@@ -115,15 +115,15 @@ def _describe_stimulus(stimuli: StimulusSet, part: Part, place: str) -> dict[str
     }
 
 
-def _describe_outline(face: Counterface, step: float | None) -> dict[str, object]:
+def _make_outline_fields(face: Counterface, step_height: float | None) -> dict[str, object]:
     """Describe discs and lines of a counterface [m], and the profile that is drawn."""
     discs, lines = face.outline()
     edges = np.array(face.breakpoints)
     between = np.linspace(edges[0], edges[-1], 30)
     x = np.unique(np.concatenate([[-_WIDE, _WIDE], edges - _BESIDE, edges + _BESIDE, between]))
     label = ""
-    if step is not None:
-        label = f"{step * 1e6:g} µm"
+    if step_height is not None:
+        label = f"{step_height * 1e6:g} µm"
     return {
         "label": label,
         "discs": discs,

@@ -64,14 +64,14 @@ class Mouse(Hand):
     Its virtual hand keeps the load, as the weights of the bench do.
     """
 
-    def __init__(self, load: float, wall: float, top: float) -> None:
-        self._load, self._wall, self._top = load, wall, top
-        self._position, self._velocity = np.array([0.0, 0.0, top]), np.zeros(3)
+    def __init__(self, load: float, wall_stiffness: float, start_height: float) -> None:
+        self._load, self._wall, self._top = load, wall_stiffness, start_height
+        self._position, self._velocity = np.array([0.0, 0.0, start_height]), np.zeros(3)
         self._target, self._held, self._heard, self._down = 0.0, False, -1.0, False
 
-    def update_position(self, x: float, held: bool) -> None:
+    def update_target(self, x: float, is_held: bool) -> None:
         """Take where the page says that the mouse is [m]."""
-        self._target, self._held, self._heard = x, held, time.monotonic()
+        self._target, self._held, self._heard = x, is_held, time.monotonic()
 
     def read(self) -> HandState:
         """Advance the virtual hand by one tick of 1 ms towards the last position of the page.
@@ -119,7 +119,7 @@ def _load_device_library(library: str, *names: str) -> ctypes.CDLL:
         raise PipelineError(f"the library cannot be loaded: {error} [{found}]") from error
 
 
-def _declare_functions(
+def _declare_library_functions(
     library: ctypes.CDLL, signatures: Mapping[str, tuple[object, object]]
 ) -> None:
     """Declare result and argument types of the functions of a maker's library."""
@@ -146,26 +146,26 @@ class ForceDimension(Hand):
             "dhdClose": (whole, [byte]),
             "dhdErrorGetLastStr": (ctypes.c_char_p, []),
         }
-        _declare_functions(lib, functions)
+        _declare_library_functions(lib, functions)
         self._one = ctypes.c_char(b"\xff")  # -1: the device that was opened last
         self._values = [ctypes.c_double() for _ in range(6)]
-        self._require_success(lib.dhdOpen() >= 0, "be opened")
-        self._require_success(lib.dhdEnableForce(1, self._one) >= 0, "switch its forces on")
+        self._raise_unless_successful(lib.dhdOpen() >= 0, "be opened")
+        self._raise_unless_successful(lib.dhdEnableForce(1, self._one) >= 0, "switch its forces on")
 
-    def _require_success(self, done: bool, wanted: str) -> None:
-        """Raise with the library's last error unless a call is `done`."""
-        if not done:
+    def _raise_unless_successful(self, is_successful: bool, request: str) -> None:
+        """Raise with the library's last error unless a call is `is_successful`."""
+        if not is_successful:
             raise PipelineError(
-                f"the device must {wanted}: {self._lib.dhdErrorGetLastStr().decode()}"
+                f"the device must {request}: {self._lib.dhdErrorGetLastStr().decode()}"
             )
 
     def read(self) -> HandState:
         """Return the state of the device, whose x points to the operator and its y to the right."""
         places = [ctypes.byref(value) for value in self._values]
-        self._require_success(
+        self._raise_unless_successful(
             self._lib.dhdGetPosition(*places[:3], self._one) >= 0, "tell its position"
         )
-        self._require_success(
+        self._raise_unless_successful(
             self._lib.dhdGetLinearVelocity(*places[3:], self._one) >= 0, "tell its velocity"
         )
         x, y, z, u, v, w = (value.value for value in self._values)
@@ -177,7 +177,7 @@ class ForceDimension(Hand):
 
     def apply(self, force: Array) -> None:
         """Turn the force back into its axes."""
-        self._require_success(
+        self._raise_unless_successful(
             self._lib.dhdSetForce(-force[1], force[0], force[2], self._one) >= 0, "take a force"
         )
 
@@ -203,9 +203,11 @@ class OpenHaptics(Hand):
 
     def __init__(self, library: str = "") -> None:
         self._lib = lib = _load_device_library(library, "HD")
-        self._callback = ctypes.CFUNCTYPE(ctypes.c_uint, ctypes.c_void_p)(self._serve_frame)
+        self._callback = ctypes.CFUNCTYPE(ctypes.c_uint, ctypes.c_void_p)(
+            self._exchange_state_and_force
+        )
         number, doubles = ctypes.c_uint, ctypes.POINTER(ctypes.c_double)
-        _declare_functions(
+        _declare_library_functions(
             lib,
             {
                 "hdInitDevice": (number, [ctypes.c_char_p]),
@@ -230,15 +232,15 @@ class OpenHaptics(Hand):
         lib.hdStartScheduler()
         self._raise_noted_error("start its scheduler")
 
-    def _raise_noted_error(self, wanted: str) -> None:
+    def _raise_noted_error(self, request: str) -> None:
         """Raise the error that the library has noted, if any."""
         error = self._lib.hdGetError()
         if error.code:
             raise PipelineError(
-                f"the device must {wanted}: {self._lib.hdGetErrorString(error.code).decode()}"
+                f"the device must {request}: {self._lib.hdGetErrorString(error.code).decode()}"
             )
 
-    def _serve_frame(self, _: object) -> int:
+    def _exchange_state_and_force(self, _: object) -> int:
         """Read the state of the device and give it the force, once in a servo frame."""
         values, buttons = (ctypes.c_double * 6)(), ctypes.c_int()
         pointer = ctypes.POINTER(ctypes.c_double)

@@ -116,7 +116,7 @@ class Renderer:
         self._settings["ring"] = ring_ratio
         self._settings["omega"] = math.tau * point.tool.frequency
         self._settings["decay"] = point.tool.decay_time
-        self.knots = _list_knots(self.path)
+        self.knots = _build_knot_records(self.path)
         self._states = np.zeros(1, kernel.STATE)
         self.reset(np.array([self.path.x[0], 0.0, float(self.path.z.max()) + 1.0]))
 
@@ -146,7 +146,7 @@ class Renderer:
         number, or beyond a kilometre, is counted in `faults` and moves nothing: the last good force
         fades to zero over 10 ms, and grows again as slowly afterwards.
         """
-        _require_vectors(position, velocity)
+        _refuse_non_vectors(position, velocity)
         step = self.period / _FADE
         if not (is_plausible_for_hand(position) and is_plausible_for_hand(velocity)):
             self.faults += 1
@@ -238,7 +238,7 @@ def is_plausible_for_hand(values: Array) -> bool:
     return size <= _FARTHEST
 
 
-def _list_knots(path: CentrePath) -> NDArray[np.void]:
+def _build_knot_records(path: CentrePath) -> NDArray[np.void]:
     """Make records of the kernel for the knots of a path: slopes beside each, and what it holds."""
     first, last = path.slope_start, path.slope_end
     before = np.concatenate([first[:1], last])
@@ -254,7 +254,7 @@ def _list_knots(path: CentrePath) -> NDArray[np.void]:
     return knots
 
 
-def _require_vectors(position: object, velocity: object) -> None:
+def _refuse_non_vectors(position: object, velocity: object) -> None:
     """Refuse values that are not vectors; the compiled tick does not check."""
     shapes = (getattr(position, "shape", None), getattr(velocity, "shape", None))
     if shapes == ((3,), (3,)):

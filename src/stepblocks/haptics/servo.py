@@ -38,7 +38,7 @@ COLUMNS = (
 _WATCHED = 60e-6  # before a tick is due the clock is watched instead of slept through [s]
 
 
-def raise_priority(priority: int) -> bool:
+def request_real_time_priority(priority: int) -> bool:
     """Ask the system to wake this thread before others and on time; return whether it will.
 
     A sleep may otherwise last 50 us longer. Only Linux has such a call, and grants it to those
@@ -115,20 +115,20 @@ class Servo(threading.Thread):
         sys.setswitchinterval(50e-6)
         gc.disable()
         if self._waits:
-            raise_priority(20)
+            request_real_time_priority(20)
         try:
-            self.ended = self._tick_until_stopped()
+            self.ended = self._run_ticks_until_stopped()
         finally:
             sys.setswitchinterval(interval)
             if collects:
                 gc.enable()
             self._set_zero_force()
 
-    def _tick_until_stopped(self) -> str:
+    def _run_ticks_until_stopped(self) -> str:
         """Tick until stopped or until the log is full; say why the loop ended."""
         start = time.perf_counter()
         for tick, row in enumerate(self._log):
-            late = self._wait_until(start + tick * self._period)
+            late = self._wait_until_due(start + tick * self._period)
             if late > self._period:
                 start += late  # no burst of ticks to catch up with
             row[0] = tick * self._period
@@ -161,7 +161,7 @@ class Servo(threading.Thread):
             return "watchdog: the hand did not answer"
         if not is_held:
             self.trusted = True  # it has let go
-        doubt = self._watch_hand(position)
+        doubt = self._find_doubt_about_position(position)
         if doubt:
             return doubt
         is_felt = is_held and self.trusted
@@ -173,7 +173,7 @@ class Servo(threading.Thread):
         applied = force
         if is_felt:
             force = self.renderer.tick(position, velocity)
-            applied = self._limit_force(force, self._applied)
+            applied = self._limit_force_and_growth(force, self._applied)
             if self.hand.motors:
                 applied *= self._share
                 self._share = min(self._share + self._period / self.limits.rise, 1.0)
@@ -188,7 +188,7 @@ class Servo(threading.Thread):
             self.hand.apply(force)
         return ""
 
-    def _watch_hand(self, position: Array) -> str:
+    def _find_doubt_about_position(self, position: Array) -> str:
         """Note the position of a hand with motors [m].
 
         Returns that the hand was lost for too long, or jumped; empty for neither.
@@ -216,7 +216,7 @@ class Servo(threading.Thread):
         with suppress(Exception):  # it failed before, and is asked again at the next tick
             self.hand.apply(self._applied)
 
-    def _wait_until(self, due: float) -> float:
+    def _wait_until_due(self, due: float) -> float:
         """Sleep, then watch the clock until a tick is due; return how late it is [s]."""
         if not self._waits:
             return 0.0
@@ -228,10 +228,10 @@ class Servo(threading.Thread):
             late = time.perf_counter() - due
         return late
 
-    def _limit_force(self, force: Array, before: Array) -> Array:
+    def _limit_force_and_growth(self, force: Array, previous_force: Array) -> Array:
         """Shorten a force to what the hand may bear, and to how fast it may have grown [N]."""
         size = float(np.linalg.norm(force))
-        size_before = float(np.linalg.norm(before))
+        size_before = float(np.linalg.norm(previous_force))
         limit = min(self.limits.force, size_before + self.limits.growth * self._period)
         if size <= limit:
             return force.copy()
@@ -243,11 +243,11 @@ class Servo(threading.Thread):
         if self.is_alive():
             self.join()
 
-    def get_columns(self) -> dict[str, Array]:
+    def get_log_columns(self) -> dict[str, Array]:
         """Return the columns of all ticks so far."""
         return dict(zip(COLUMNS, self._log[: self.ticks].T.copy(), strict=True))
 
-    def summarise_ticks(self) -> dict[str, float]:
+    def count_late_ticks(self) -> dict[str, float]:
         """Return how many ticks there were, how many were late, and how late.
 
         The lateness is its 99.9 % quantile [s].
@@ -263,7 +263,7 @@ class Servo(threading.Thread):
         }
 
 
-def write_motion(path: Path, servo: Servo, attributes: dict[str, object]) -> None:
+def write_motion_file(path: Path, servo: Servo, attributes: dict[str, object]) -> None:
     """Write a trial's motion and forces as HDF5, one dataset per column.
 
     The file is written beside its place and renamed.
@@ -271,14 +271,14 @@ def write_motion(path: Path, servo: Servo, attributes: dict[str, object]) -> Non
     import h5py
 
     with write_atomically(path) as draft, h5py.File(draft, "w", track_order=True) as file:
-        for name, values in servo.get_columns().items():
+        for name, values in servo.get_log_columns().items():
             file.create_dataset(name, data=values, compression="gzip", shuffle=True)
         file.attrs.update(
             {
                 "rate_hz": RATE,
                 "ended": servo.ended,
                 "doubts": "; ".join(servo.doubts),
-                **servo.summarise_ticks(),
+                **servo.count_late_ticks(),
                 **attributes,
             }
         )

@@ -11,7 +11,7 @@ from statsmodels.regression.linear_model import OLS
 
 from stepblocks.lawsearch.fit import fit
 from stepblocks.lawsearch.forward_model import Floats, Trials
-from stepblocks.lawsearch.law import correct_by_holm
+from stepblocks.lawsearch.law import correct_p_values_by_holm
 from stepblocks.lawsearch.problem import Fit, Problem
 
 LEVEL = 0.005  # of the tests of residuals, after Holm
@@ -119,7 +119,7 @@ def fit_without_each_channel(problem: Problem, current: Fit) -> list[HiddenChann
     return fits
 
 
-def find_largest_shares(
+def find_largest_gain_shares(
     base: Fit, current: Fit, without_channel: Sequence[HiddenChannel]
 ) -> LargestShares:
     """Find the trial with the largest share of a gain, and the channel without which most is lost.
@@ -150,7 +150,7 @@ def find_largest_shares(
     )
 
 
-def check_residuals(problem: Problem, fitted: Fit) -> ResidualChecks:
+def test_residuals_against_covariates(problem: Problem, fitted: Fit) -> ResidualChecks:
     """Test the whitened residual of every channel against a smooth function of every covariate."""
     trials = problem.trials
     by_trial = fitted.residual.reshape(trials.values.shape)
@@ -162,10 +162,10 @@ def check_residuals(problem: Problem, fitted: Fit) -> ResidualChecks:
         for j, channel in enumerate(trials.channels):
             rows = trials.seen[:, j]
             if rows.sum() > columns.shape[1] + _SPARE_TRIALS:
-                p_values[channel, name] = compute_smooth_p(by_trial[rows, j], columns[rows])
+                p_values[channel, name] = compute_smooth_p_value(by_trial[rows, j], columns[rows])
     if not p_values:
         return ResidualChecks((), True)
-    corrected = correct_by_holm(list(p_values.values()))
+    corrected = correct_p_values_by_holm(list(p_values.values()))
     checks = []
     for (channel, name), p_value in zip(p_values, corrected, strict=True):
         checks.append(ResidualCheck(channel, name, float(p_value)))
@@ -200,7 +200,7 @@ def build_smooth_columns(trials: Trials, name: str) -> Floats | None:
     return np.stack(columns, axis=1)
 
 
-def compute_smooth_p(residual: Floats, columns: Floats) -> float:
+def compute_smooth_p_value(residual: Floats, columns: Floats) -> float:
     """Compute the p value of what columns explain of a residual beside its mean, by an F-test.
 
     Parameters
@@ -222,7 +222,7 @@ def compute_smooth_p(residual: Floats, columns: Floats) -> float:
     return float(fitted.f_pvalue)
 
 
-def depends_on_settings(values: Floats, trials: Trials) -> bool:
+def depends_on_covariates(values: Floats, trials: Trials) -> bool:
     """Tell whether a number of each trial, such as its chance to be bad, follows a covariate.
 
     `values` has the shape (n,).
@@ -231,12 +231,12 @@ def depends_on_settings(values: Floats, trials: Trials) -> bool:
     for name in trials.covariates:
         columns = build_smooth_columns(trials, name)
         if columns is not None:
-            p_values.append(compute_smooth_p(values, columns))
+            p_values.append(compute_smooth_p_value(values, columns))
     return len(p_values) * min(p_values, default=1.0) < LEVEL
 
 
-def compare_with_replicates(
-    residual: Floats, cells: Sequence[object], constants: int
+def test_misfit_against_replicates(
+    residual: Floats, replicate_labels: Sequence[object], constant_count: int
 ) -> ReplicateTest:
     """Test the misfit of a model against the scatter among trials of equal settings.
 
@@ -244,15 +244,15 @@ def compare_with_replicates(
     ----------
     residual : Floats
         Shape (n,), of one channel; NaN where it is unknown.
-    cells : sequence
+    replicate_labels : sequence
         Label of each trial; trials of equal labels are replicates.
-    constants : int
+    constant_count : int
         Number of constants of the model.
     """
     seen = np.isfinite(residual)
     values = residual[seen]
     labels = []
-    for cell, is_seen in zip(cells, seen, strict=True):
+    for cell, is_seen in zip(replicate_labels, seen, strict=True):
         if is_seen:
             labels.append(str(cell))
     _, number = np.unique(labels, return_inverse=True)
@@ -263,7 +263,7 @@ def compare_with_replicates(
     # copies of one trial are no replicates
     if dof < _LEAST_FREEDOM or not inside > 0.0:
         return ReplicateTest(float("nan"), dof, float("nan"))
-    between = max(len(counts) - constants, 1)
+    between = max(len(counts) - constant_count, 1)
     ratio = (float(np.sum(counts * means**2)) / between) / (inside / dof)
     return ReplicateTest(
         replicate_std=float(np.sqrt(inside / dof)),

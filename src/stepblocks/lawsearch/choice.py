@@ -13,7 +13,7 @@ from stepblocks.lawsearch.forward_model import Floats
 from stepblocks.lawsearch.gate import Gate, Score, score_candidates
 from stepblocks.lawsearch.law import Law
 from stepblocks.lawsearch.objective import HopelessFitError, is_hopeless
-from stepblocks.lawsearch.problem import Fit, Problem, compute_price
+from stepblocks.lawsearch.problem import Fit, Problem, compute_effect_price
 
 _EVALUATIONS = 25  # of the model in the fit of a candidate, at most
 _FIRST_STEP = 8.0  # of an amplitude, at most, in units of its scale
@@ -71,9 +71,9 @@ def choose_candidate(
     problem: Problem,
     base: Fit,
     opened: Gate,
-    most: int = 14,
-    tie: float = 6.0,
-    known: Sequence[Fit] = (),
+    fit_limit: int = 14,
+    criterion_tolerance: float = 6.0,
+    known_fits: Sequence[Fit] = (),
 ) -> Choice | None:
     """Fit the candidates that score best, and choose among them and fits that are known.
 
@@ -84,11 +84,11 @@ def choose_candidate(
         Fit without any of the candidates.
     opened : Gate
         Scores of the candidates.
-    most : int
+    fit_limit : int
         Laws, and as many smooths, that are fitted.
-    tie : float
+    criterion_tolerance : float
         Of the criterion, within which a named law leads a smooth of its place.
-    known : sequence of Fit
+    known_fits : sequence of Fit
         Fits of further candidates.
 
     Returns
@@ -96,38 +96,42 @@ def choose_candidate(
     Choice or None
         None where no candidate improves the criterion.
     """
-    tried = list(known)
+    tried = list(known_fits)
     rival = base.criterion
-    for known_fit in known:
+    for known_fit in known_fits:
         rival = min(rival, known_fit.criterion)
-    by_gain = sorted(_select_scores(opened.scores, most), key=lambda score: -score.gain)
+    by_gain = sorted(_select_scores(opened.scores, fit_limit), key=lambda score: -score.gain)
     for coarse_score in by_gain:
         score = coarse_score
-        price = compute_price((*base.effects, score.effect), len(problem.trials))
+        price = compute_effect_price((*base.effects, score.effect), len(problem.trials))
         lacking = base.cost + price - rival
         if not is_hopeless(_GAIN_BY_PLACE * score.gain, lacking):
-            score = _score_at_best_places(problem, base, score)
+            score = _rescore_at_best_jump_places(problem, base, score)
         # what gains far less to first order than another gained in full cannot lead
         if is_hopeless(score.gain, lacking):
             continue
         fitted = _fit_candidate(problem, base, score, rival)
-        if fitted is not None and not _is_at_bound(score.effect, fitted):
+        if fitted is not None and not _has_shape_parameter_at_bound(score.effect, fitted):
             tried.append(fitted)
             rival = min(rival, fitted.criterion)
     tried.sort(key=lambda fitted: (fitted.criterion, fitted.effects[-1].rank))
     if not tried or tried[0].criterion >= base.criterion:
         return None
-    return Choice(_prefer_named_law(tried, tie), tuple(tried))
+    return Choice(_prefer_named_law(tried, criterion_tolerance), tuple(tried))
 
 
-def _prefer_named_law(tried: Sequence[Fit], tie: float) -> Fit:
-    """Return the best fit, or that of a named law of its place that does as well within `tie`."""
+def _prefer_named_law(tried: Sequence[Fit], criterion_tolerance: float) -> Fit:
+    """Return the best fit, or that of a named law of its place that does about as well."""
     best = tried[0]
     place = best.effects[-1].place
     named = []
     for fitted in tried:
         law = fitted.effects[-1]
-        if law.named and law.place == place and fitted.criterion <= best.criterion + tie:
+        if (
+            law.named
+            and law.place == place
+            and fitted.criterion <= best.criterion + criterion_tolerance
+        ):
             named.append(fitted)
     if not named:
         return best
@@ -136,7 +140,7 @@ def _prefer_named_law(tried: Sequence[Fit], tie: float) -> Fit:
     return min(close, key=lambda fitted: (fitted.effects[-1].rank, fitted.criterion))
 
 
-def _select_scores(scores: Sequence[Score], most: int) -> list[Score]:
+def _select_scores(scores: Sequence[Score], fit_limit: int) -> list[Score]:
     """Select the laws and the smooths that are worth a fit; `scores` are in order, best first.
 
     Beside the best smooths, the best of each further place stands for that place.
@@ -149,16 +153,16 @@ def _select_scores(scores: Sequence[Score], most: int) -> list[Score]:
         place = score.effect.place
         if score.effect.named:
             named.append(score)
-        elif len(smooth) < most:
+        elif len(smooth) < fit_limit:
             smooth.append(score)
             places.add(place)
         elif place not in places:
             further.append(score)
             places.add(place)
-    return [*named[:most], *smooth, *further[: most // 2]]
+    return [*named[:fit_limit], *smooth, *further[: fit_limit // 2]]
 
 
-def _is_at_bound(effect: Law, fitted: Fit) -> bool:
+def _has_shape_parameter_at_bound(effect: Law, fitted: Fit) -> bool:
     """Tell whether a shape parameter of a named law was driven to the end of its range.
 
     A settling that never settles is a drift and no running-in.
@@ -177,7 +181,7 @@ def _is_at_bound(effect: Law, fitted: Fit) -> bool:
     return False
 
 
-def _fit_candidate(problem: Problem, base: Fit, score: Score, rival: float) -> Fit | None:
+def _fit_candidate(problem: Problem, base: Fit, score: Score, rival_criterion: float) -> Fit | None:
     """Fit a candidate beside a base fit from where the first order has it.
 
     The result is None where the fit fails, or stays far behind the criterion of a rival.
@@ -198,16 +202,16 @@ def _fit_candidate(problem: Problem, base: Fit, score: Score, rival: float) -> F
         else:
             start[name] = score.shape.get(p.name, p.start)
     try:
-        found = fit(problem, (*base.effects, effect), start, _EVALUATIONS, rival)
+        found = fit(problem, (*base.effects, effect), start, _EVALUATIONS, rival_criterion)
         # a change that lies far behind at its likeliest place does not lead from another one
-        if effect.steps and not is_hopeless(0.0, found.criterion - rival):
-            found = _try_further_places(problem, found, effect)
+        if effect.steps and not is_hopeless(0.0, found.criterion - rival_criterion):
+            found = _fit_from_further_jump_places(problem, found, effect)
     except (np.linalg.LinAlgError, ValueError, FloatingPointError, HopelessFitError):
         return None
     return found
 
 
-def _try_further_places(problem: Problem, found: Fit, effect: Law) -> Fit:
+def _fit_from_further_jump_places(problem: Problem, found: Fit, effect: Law) -> Fit:
     """Fit a sudden change from the places that suit its size next best, and return the best fit.
 
     The cost has a valley between any two trials, and the deepest one need not be where the first
@@ -217,7 +221,7 @@ def _try_further_places(problem: Problem, found: Fit, effect: Law) -> Fit:
     for shape in effect.shapes:
         start = found.values | effect.name_values(shape)
         starts.append(start)
-        costs.append(_compute_cost(problem, found, start))
+        costs.append(_compute_residual_cost(problem, found, start))
     order = np.argsort(np.round(costs, _COST_DIGITS), kind="stable")
     fits = [found]
     for i in order[1:_PLACES_TRIED]:
@@ -226,7 +230,7 @@ def _try_further_places(problem: Problem, found: Fit, effect: Law) -> Fit:
     return min(fits, key=lambda fitted: fitted.criterion)
 
 
-def _score_at_best_places(problem: Problem, base: Fit, score: Score) -> Score:
+def _rescore_at_best_jump_places(problem: Problem, base: Fit, score: Score) -> Score:
     """Score a sudden change at the readings about the places at which it was scored.
 
     Those places may lie many readings apart, and a fit sees no further than to the next reading.
@@ -234,13 +238,13 @@ def _score_at_best_places(problem: Problem, base: Fit, score: Score) -> Score:
     """
     best = score
     for name in score.effect.steps:
-        places = _list_places_nearby(problem, score.effect, best.shape, name)
-        best = _score_at_best_place(problem, base, best, name, places)
+        places = _list_jump_places_nearby(problem, score.effect, best.shape, name)
+        best = _rescore_at_best_jump_place(problem, base, best, name, places)
     return best
 
 
-def _score_at_best_place(
-    problem: Problem, base: Fit, score: Score, name: str, places: Floats
+def _rescore_at_best_jump_place(
+    problem: Problem, base: Fit, score: Score, jump_parameter: str, places: Floats
 ) -> Score:
     """Score a sudden change at several places, from coarse to fine.
 
@@ -250,7 +254,7 @@ def _score_at_best_place(
     base : Fit
     score : Score
         Whose other places stay; it is the result where no place gains more.
-    name : str
+    jump_parameter : str
         Of the place.
     places : array of shape (n,)
         In order.
@@ -262,19 +266,19 @@ def _score_at_best_place(
         stride = max(1, len(places) // _PLACES_AT_ONCE)
         shapes = []
         for place in places[::stride].tolist():
-            shapes.append({**score.shape, name: place})
+            shapes.append({**score.shape, jump_parameter: place})
         scores = score_candidates(problem, base, [replace(law, shapes=tuple(shapes))], draws=0)
         leading = scores.scores[:1]
         if not leading or leading[0].gain <= best.gain:
             return best
         best = replace(leading[0], effect=law)
-        found = int(np.searchsorted(places, best.shape[name]))
+        found = int(np.searchsorted(places, best.shape[jump_parameter]))
         places = places[max(found - stride, 0) : found + stride + 1]
     return best
 
 
-def _list_places_nearby(
-    problem: Problem, law: Law, shape: Mapping[str, float], name: str
+def _list_jump_places_nearby(
+    problem: Problem, law: Law, shape: Mapping[str, float], jump_parameter: str
 ) -> Floats:
     """List the middles between neighbouring readings near one place of a sudden change.
 
@@ -288,29 +292,33 @@ def _list_places_nearby(
         return np.empty(0)
     readings = np.unique(numbers[np.isfinite(numbers)])
     middles = 0.5 * (readings[1:] + readings[:-1])
-    is_near = np.abs(middles - shape[name]) <= _SEARCHED_SHARE * (readings[-1] - readings[0])
+    is_near = np.abs(middles - shape[jump_parameter]) <= _SEARCHED_SHARE * (
+        readings[-1] - readings[0]
+    )
     for step in law.steps:
-        if shape[step] < shape[name]:
+        if shape[step] < shape[jump_parameter]:
             is_near &= middles > shape[step]
-        elif shape[step] > shape[name]:
+        elif shape[step] > shape[jump_parameter]:
             is_near &= middles < shape[step]
     return np.asarray(middles[is_near])
 
 
-def _compute_cost(problem: Problem, found: Fit, values: Mapping[str, float]) -> float:
+def _compute_residual_cost(problem: Problem, found: Fit, values: Mapping[str, float]) -> float:
     """Return the sum of squares of the whitened residuals of a fit at other values."""
     residual = problem.trials.values - problem.predict(found.effects, values)
     return float(np.sum(problem.noise.whiten(residual) ** 2))
 
 
-def select_likeliest(rivals: Sequence[Rival], always: Sequence[Rival]) -> tuple[Rival, ...]:
+def select_likeliest_rivals(
+    rivals: Sequence[Rival], always_kept: Sequence[Rival]
+) -> tuple[Rival, ...]:
     """Select as many rivals of an effect as hold the truth together with it by 95 %.
 
     Parameters
     ----------
     rivals : sequence of Rival
         In order, the likeliest first.
-    always : sequence of Rival
+    always_kept : sequence of Rival
         Those among them that are kept however unlikely.
     """
     behind = np.array([rival.behind for rival in rivals])
@@ -319,6 +327,6 @@ def select_likeliest(rivals: Sequence[Rival], always: Sequence[Rival]) -> tuple[
     chance_before = (1.0 + np.cumsum(odds) - odds) / (1.0 + odds.sum())
     kept = []
     for rival, chance in zip(rivals, chance_before, strict=True):
-        if chance < _GROUP_CHANCE or rival in always:
+        if chance < _GROUP_CHANCE or rival in always_kept:
             kept.append(rival)
     return tuple(kept)

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from scipy import stats
 
-from stepblocks.lawsearch.adequacy import compare_with_replicates
+from stepblocks.lawsearch.adequacy import test_misfit_against_replicates
 from stepblocks.lawsearch.findings import Doubt, Explanation, Finding, Verdict, list_effects
 from stepblocks.lawsearch.fit import fit
 from stepblocks.lawsearch.forward_model import Floats
@@ -16,7 +16,7 @@ from stepblocks.lawsearch.holdout import (
     HeldOutPredictor,
     ListCandidates,
 )
-from stepblocks.lawsearch.law import Law, collect_ids, remove_variant_mark
+from stepblocks.lawsearch.law import Law, collect_law_ids, remove_variant_mark
 from stepblocks.lawsearch.noise import Noise
 from stepblocks.lawsearch.structure import Hint
 
@@ -28,20 +28,20 @@ _JUDGED_CHANNELS = (0, 1)  # those in which a delivered model may not be worse
 
 def withdraw_unsupported_claims(
     explanation: Explanation,
-    within: Sequence[Sequence[str]],
-    between: Sequence[Sequence[str]],
-    cells: Sequence[object],
+    within_block_folds: Sequence[Sequence[str]],
+    between_block_folds: Sequence[Sequence[str]],
+    replicate_labels: Sequence[object],
 ) -> Explanation:
     """Withdraw claims of effects that replicates, or a fold that sees them, do not support.
 
     Parameters
     ----------
     explanation : Explanation
-    within : sequence of sequences of str
+    within_block_folds : sequence of sequences of str
         Names of the effects that each fold within blocks chose.
-    between : sequence of sequences of str
+    between_block_folds : sequence of sequences of str
         The same of folds that hold out whole blocks.
-    cells : sequence
+    replicate_labels : sequence
         Label of each trial; trials of equal labels are replicates.
     """
     findings = []
@@ -50,11 +50,13 @@ def withdraw_unsupported_claims(
             findings.append(finding)
         elif finding.effect.covariate == "block":
             # without its specimen nobody sees what a specimen does
-            findings.append(_judge_by_folds(finding, within))
+            findings.append(_judge_finding_by_folds(finding, within_block_folds))
         else:
-            findings.append(_judge_by_folds(finding, [*within, *between]))
+            findings.append(
+                _judge_finding_by_folds(finding, [*within_block_folds, *between_block_folds])
+            )
     checked = replace(explanation, findings=tuple(findings))
-    lacking = _find_lacking_channel(explanation, cells)
+    lacking = _find_channel_lacking_fit(explanation, replicate_labels)
     if lacking is not None:
         checked = replace(checked, adequate=False)
     if explanation.verdict is not Verdict.EFFECT:
@@ -71,14 +73,16 @@ def withdraw_unsupported_claims(
     return replace(checked, verdict=verdict)
 
 
-def _find_lacking_channel(explanation: Explanation, cells: Sequence[object]) -> str | None:
+def _find_channel_lacking_fit(
+    explanation: Explanation, replicate_labels: Sequence[object]
+) -> str | None:
     """Find the channel whose replicates agree better than the extended model, if there is one."""
     seen = explanation.problem.trials.seen
     extended = explanation.extended
     residual = np.where(seen, extended.residual.reshape(seen.shape), np.nan)
     p_values = []
     for column in residual.T:
-        test = compare_with_replicates(column, cells, len(extended.parameters))
+        test = test_misfit_against_replicates(column, replicate_labels, len(extended.parameters))
         p_values.append(test.lack_of_fit_p_value)
     known = [p_value for p_value in p_values if np.isfinite(p_value)]
     if not known or min(known) * len(known) >= _LACK_OF_FIT:
@@ -86,11 +90,13 @@ def _find_lacking_channel(explanation: Explanation, cells: Sequence[object]) -> 
     return explanation.problem.trials.channels[p_values.index(min(known))]
 
 
-def _judge_by_folds(finding: Finding, folds: Sequence[Sequence[str]]) -> Finding:
+def _judge_finding_by_folds(
+    finding: Finding, effect_ids_by_fold: Sequence[Sequence[str]]
+) -> Finding:
     """Judge a law by the choices of the folds, each of which has fewer trials."""
     family = remove_variant_mark(finding.effect.id)
     blind, contradicting = False, False
-    for names in folds:
+    for names in effect_ids_by_fold:
         if family in map(remove_variant_mark, names):
             continue
         # a fold that chooses nothing is blind to the law; one that chooses another contradicts it
@@ -103,20 +109,20 @@ def _judge_by_folds(finding: Finding, folds: Sequence[Sequence[str]]) -> Finding
     return finding
 
 
-def withdraw_claims(explanation: Explanation, hints: tuple[Hint, ...]) -> Explanation:
+def withdraw_claims_for_hints(explanation: Explanation, hints: tuple[Hint, ...]) -> Explanation:
     """Withdraw every claim where something beyond the model's reach is known to have gone on."""
     if not hints:
         return explanation
     reason = hints[0].sentence
     return replace(
         explanation,
-        findings=_withdraw_all(explanation.findings, reason),
+        findings=_withdraw_all_claims(explanation.findings, reason),
         verdict=Verdict.UNEXPLAINED,
         hints=(*hints, *explanation.hints),
     )
 
 
-def _withdraw_all(findings: Sequence[Finding], reason: str) -> tuple[Finding, ...]:
+def _withdraw_all_claims(findings: Sequence[Finding], reason: str) -> tuple[Finding, ...]:
     """Withdraw the claims of all findings for one reason."""
     withdrawn = []
     for finding in findings:
@@ -125,7 +131,7 @@ def _withdraw_all(findings: Sequence[Finding], reason: str) -> tuple[Finding, ..
 
 
 def choose_delivered_effects(
-    explanation: Explanation, ways: Sequence[Sequence[Fold]], candidates: ListCandidates
+    explanation: Explanation, fold_splits: Sequence[Sequence[Fold]], candidates: ListCandidates
 ) -> tuple[Explanation, list[HeldOutErrors]]:
     """Predict held-out trials with the model that is delivered, and deliver nothing that is worse.
 
@@ -133,7 +139,7 @@ def choose_delivered_effects(
     ----------
     explanation : Explanation
         What all trials say.
-    ways : sequence of sequences of Fold
+    fold_splits : sequence of sequences of Fold
         The folds of each way of holding out; first the way that leaves trials of
         every specimen in.
     candidates : callable
@@ -146,23 +152,23 @@ def choose_delivered_effects(
     errors : list of HeldOutErrors
         One for each way.
     """
-    predictor = HeldOutPredictor(explanation.problem, explanation.nominal, ways, candidates)
-    all_errors = predictor.compute_errors(())
-    left_open = predictor.find_open_values(all_errors)
+    predictor = HeldOutPredictor(explanation.problem, explanation.nominal, fold_splits, candidates)
+    all_errors = predictor.compute_held_out_errors(())
+    left_open = predictor.mark_errors_left_open(all_errors)
     nominal = []
     for error, is_open in zip(all_errors, left_open, strict=True):
         nominal.append(np.where(is_open, np.nan, error))
-    of_specimens, base = _keep_laws_of_specimens(explanation, predictor, nominal)
-    findings, errors = _drop_worsening(explanation, predictor, of_specimens, base)
+    of_specimens, base = _select_specimen_laws(explanation, predictor, nominal)
+    findings, errors = _drop_worsening_findings(explanation, predictor, of_specimens, base)
     delivered = _refit_with_kept_findings(explanation, findings)
     held_out = []
-    for i in range(len(ways)):
+    for i in range(len(fold_splits)):
         extended = np.where(left_open[i], np.nan, errors[i])
         held_out.append(HeldOutErrors(nominal[i], extended, left_open[i]))
     return delivered, held_out
 
 
-def _keep_laws_of_specimens(
+def _select_specimen_laws(
     explanation: Explanation, predictor: HeldOutPredictor, nominal: list[Floats]
 ) -> tuple[list[Law], list[Floats]]:
     """Keep the laws of single specimens unless other trials of the specimens speak against them.
@@ -188,17 +194,17 @@ def _keep_laws_of_specimens(
             laws.append(finding.effect)
     if not laws:
         return [], nominal
-    errors = predictor.compute_errors(laws, explanation.extended.values)
-    if _is_worse(explanation.problem.noise, nominal[:1], errors[:1]):
+    errors = predictor.compute_held_out_errors(laws, explanation.extended.values)
+    if _does_any_judged_error_rise(explanation.problem.noise, nominal[:1], errors[:1]):
         return [], nominal
     return laws, errors
 
 
-def _drop_worsening(
+def _drop_worsening_findings(
     explanation: Explanation,
     predictor: HeldOutPredictor,
-    of_specimens: Sequence[Law],
-    base: list[Floats],
+    specimen_laws: Sequence[Law],
+    base_errors: list[Floats],
 ) -> tuple[tuple[Finding, ...], list[Floats]]:
     """Drop the weakest findings until held-out trials are predicted no worse than without them.
 
@@ -206,9 +212,9 @@ def _drop_worsening(
     ----------
     explanation : Explanation
     predictor : HeldOutPredictor
-    of_specimens : sequence of Law
+    specimen_laws : sequence of Law
         Laws that are kept.
-    base : list of arrays
+    base_errors : list of arrays
         Errors of the model with these laws alone.
 
     Returns
@@ -219,31 +225,31 @@ def _drop_worsening(
         Errors of the model with their effects.
     """
     findings = explanation.findings
-    kept = collect_ids(of_specimens)
+    kept = collect_law_ids(specimen_laws)
     while len(findings) > len(kept):
         effects = list_effects(findings)
-        errors = predictor.compute_errors(effects, explanation.extended.values)
-        if not _is_worse(explanation.problem.noise, base, errors):
+        errors = predictor.compute_held_out_errors(effects, explanation.extended.values)
+        if not _does_any_judged_error_rise(explanation.problem.noise, base_errors, errors):
             return findings, errors
-        findings = _drop_weakest(findings, kept, explanation.walks)
-    return findings, base
+        findings = _drop_weakest_finding(findings, kept, explanation.walks)
+    return findings, base_errors
 
 
-def _drop_weakest(
-    findings: tuple[Finding, ...], kept: set[str], walks: Container[str]
+def _drop_weakest_finding(
+    findings: tuple[Finding, ...], kept_ids: set[str], walk_ids: Container[str]
 ) -> tuple[Finding, ...]:
     """Drop the finding that gains least of those that need not be kept.
 
-    What was taken out along the run without a claim, one of `walks`, goes first.
+    What was taken out along the run without a claim, one of `walk_ids`, goes first.
     """
     droppable = []
     for finding in findings:
-        if finding.effect.id not in kept:
+        if finding.effect.id not in kept_ids:
             droppable.append(finding)
 
     def rank(finding: Finding) -> tuple[bool, float]:
         """Rank what was taken out without a claim first, then by the gain."""
-        is_claim = finding.effect.id not in walks
+        is_claim = finding.effect.id not in walk_ids
         return is_claim, finding.gain
 
     weakest = min(droppable, key=rank)
@@ -255,7 +261,7 @@ def _refit_with_kept_findings(
 ) -> Explanation:
     """Deliver the model with the effects of some findings, and say which claims had to go."""
     effects = list_effects(findings)
-    delivered = collect_ids(effects)
+    delivered = collect_law_ids(effects)
     dropped = []
     claimed = []
     for law in list_effects(explanation.findings):
@@ -263,7 +269,7 @@ def _refit_with_kept_findings(
             continue
         dropped.append(law)
         if law.id not in explanation.walks:
-            claimed.append(_name_claim(law))
+            claimed.append(_format_claim_name(law))
     if not dropped:
         return explanation
     start: Mapping[str, float] = explanation.extended.values
@@ -275,7 +281,7 @@ def _refit_with_kept_findings(
     reason = f"held-out trials are predicted worse with {names} in the model"
     return replace(
         explanation,
-        findings=_withdraw_all(findings, reason),
+        findings=_withdraw_all_claims(findings, reason),
         verdict=Verdict.UNEXPLAINED,
         adequate=False,
         reason=reason,
@@ -283,23 +289,27 @@ def _refit_with_kept_findings(
     )
 
 
-def _name_claim(law: Law) -> str:
+def _format_claim_name(law: Law) -> str:
     """Name a law, or the place of a smooth."""
     if law.named:
         return law.id
     return f"{law.slot} over {law.covariate}"
 
 
-def _is_worse(noise: Noise, before: Sequence[Floats], after: Sequence[Floats]) -> bool:
+def _does_any_judged_error_rise(
+    noise: Noise, errors_before: Sequence[Floats], errors_after: Sequence[Floats]
+) -> bool:
     """Tell whether an error of one way of holding out rises in one of the judged channels."""
-    for old, new in zip(before, after, strict=True):
+    for old, new in zip(errors_before, errors_after, strict=True):
         for channel in _JUDGED_CHANNELS:
-            if _does_error_rise(noise, old, new, channel):
+            if _does_channel_error_rise(noise, old, new, channel):
                 return True
     return False
 
 
-def _does_error_rise(noise: Noise, nominal: Floats, extended: Floats, channel: int) -> bool:
+def _does_channel_error_rise(
+    noise: Noise, nominal_errors: Floats, extended_errors: Floats, channel: int
+) -> bool:
     """Tell whether an error rises visibly and not by chance.
 
     Beside a true law that hardly moves it, an error rises by chance half the time, or in every
@@ -310,19 +320,19 @@ def _does_error_rise(noise: Noise, nominal: Floats, extended: Floats, channel: i
     Parameters
     ----------
     noise : Noise
-    nominal, extended : Floats
+    nominal_errors, extended_errors : Floats
         Shape (n, c), errors before and after.
     channel : int
     """
-    known = np.isfinite(nominal[:, channel])
-    squares = np.square([nominal, extended])[:, known, channel]
+    known = np.isfinite(nominal_errors[:, channel])
+    squares = np.square([nominal_errors, extended_errors])[:, known, channel]
     if not squares.size:
         return False
     before, after = np.sqrt(np.mean(squares, axis=1))
     if not after > _RISE * before:
         return False
-    change = np.zeros(nominal.shape)
-    change[:, channel] = np.nan_to_num(extended - nominal)[:, channel]
+    change = np.zeros(nominal_errors.shape)
+    change[:, channel] = np.nan_to_num(extended_errors - nominal_errors)[:, channel]
     rise = squares[1] - squares[0]
     shared_variance = noise.compute_shared_variance(change)
     std = np.sqrt(rise.size * np.var(rise, ddof=1) + 4.0 * shared_variance)

@@ -8,9 +8,9 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.lawsearch.enlarged_law import EnlargedLaw, predict_ahead
+from stepblocks.lawsearch.enlarged_law import EnlargedLaw, predict_at_points_and_enlarged
 from stepblocks.lawsearch.forward_model import Floats, Trials
-from stepblocks.lawsearch.law import Law, SizedChange, list_starts
+from stepblocks.lawsearch.law import Law, SizedChange, map_names_to_starts
 from stepblocks.lawsearch.problem import Fit, Problem
 
 # length of a unit direction that must remain beside the nominal model: less of it is a derivative
@@ -96,7 +96,7 @@ def compute_tangent(problem: Problem, base: Fit, effect: Law, shape: Mapping[str
 
     Amplitudes are in units of their scales; the shape is (n c, a).
     """
-    changes = _compute_changes(problem, base, _ShapedLaw(effect, shape), _Shared())
+    changes = _compute_amplitude_changes(problem, base, _ShapedLaw(effect, shape), _Shared())
     return problem.noise.whiten(np.stack(changes, axis=2))
 
 
@@ -128,7 +128,7 @@ def compute_directions(
     without_size: list[int] = []
     for number, member in enumerate(shaped):
         if isinstance(member.law.apply, SizedChange):
-            by_slope.setdefault(_name_slope(problem, member.law), []).append(number)
+            by_slope.setdefault(_make_slope_key(problem, member.law), []).append(number)
         else:
             without_size.append(number)
     shared = _Shared()
@@ -136,12 +136,12 @@ def compute_directions(
     found: dict[int, Direction | None] = {}
     for numbers in by_slope.values():
         members = [shaped[number] for number in numbers]
-        directions = _span_sized_laws(problem, base, view, members, shared)
+        directions = _compute_sized_law_directions(problem, base, view, members, shared)
         found |= zip(numbers, directions, strict=True)
     for first in range(0, len(without_size), _BATCH):
         numbers = without_size[first : first + _BATCH]
         members = [shaped[number] for number in numbers]
-        directions = _span_other_laws(problem, base, view, members)
+        directions = _compute_other_law_directions(problem, base, view, members)
         found |= zip(numbers, directions, strict=True)
     in_order = []
     for number in range(len(shaped)):
@@ -151,7 +151,7 @@ def compute_directions(
     return in_order
 
 
-def compute_unit_changes(
+def compute_unit_directions(
     problem: Problem, base: Fit, effects: Sequence[Law], known: Floats
 ) -> dict[str, Floats]:
     """Find the unit vectors along which laws of one amplitude and shape show, by their names.
@@ -161,7 +161,7 @@ def compute_unit_changes(
     shared = _Shared()
     units = {}
     for member in _list_shaped_laws(effects):
-        (change,) = _compute_changes(problem, base, member, shared)
+        (change,) = _compute_amplitude_changes(problem, base, member, shared)
         white = problem.noise.whiten(change)
         length = float(np.linalg.norm(white))
         if not length >= _LEAST_MOVE:
@@ -221,24 +221,24 @@ class _View:
         return cls(
             factors=noise.factors,
             shared=(noise.basis * np.sqrt(1.0 - noise.shrink**2)).reshape(shape),
-            known=noise.shrink_shared(known[:count]).reshape(shape),
-            vectors=noise.shrink_shared(beside).reshape(shape),
+            known=noise.shrink_shared_errors(known[:count]).reshape(shape),
+            vectors=noise.shrink_shared_errors(beside).reshape(shape),
         )
 
-    def turn(self, change: Floats) -> Floats:
+    def decorrelate_by_trial(self, change: Floats) -> Floats:
         """Turn changes of shape (n, c, k) by the factors of each trial; what is missing is zero."""
         return np.asarray(self.factors @ np.where(np.isfinite(change), change, 0.0))
 
-    def see(self, turned: Floats) -> "_Seen":
+    def compute_inner_products(self, turned: Floats) -> "_Seen":
         """Find the inner products of turned changes of shape (n, c, k)."""
         flat = turned.reshape(-1, turned.shape[2])
 
         def multiply(rows: Floats) -> Floats:
             return np.asarray(rows.reshape(len(flat), -1).T @ flat)
 
-        return self._combine(flat.T @ flat, multiply)
+        return self._combine_inner_products(flat.T @ flat, multiply)
 
-    def see_sized(self, turned: Floats, sizes: Floats) -> "_Seen":
+    def compute_sized_inner_products(self, turned: Floats, sizes: Floats) -> "_Seen":
         """Find the inner products of changes by one number per trial.
 
         Parameters
@@ -254,9 +254,9 @@ class _View:
             of_trials = (turned[:, None, :] @ rows)[:, 0]
             return np.asarray(of_trials.T @ sizes)
 
-        return self._combine((sizes * square[:, None]).T @ sizes, multiply)
+        return self._combine_inner_products((sizes * square[:, None]).T @ sizes, multiply)
 
-    def _combine(self, own: Floats, multiply: Callable[[Floats], Floats]) -> "_Seen":
+    def _combine_inner_products(self, own: Floats, multiply: Callable[[Floats], Floats]) -> "_Seen":
         """Combine the products of changes with themselves and with the vectors of the view."""
         shared, known = multiply(self.shared), multiply(self.known)
         whitened = own - shared.T @ shared
@@ -281,39 +281,39 @@ class _Seen(NamedTuple):
     along: Floats
 
 
-def _span_sized_laws(
+def _compute_sized_law_directions(
     problem: Problem, base: Fit, view: _View, members: Sequence[_ShapedLaw], shared: _Shared
 ) -> list[Direction | None]:
     """Find the directions of laws that share a slope; see `compute_directions`."""
     sizes = []
     counts = []
     for member in members:
-        slope, of_law = _find_sizes(problem, base, member, shared)
+        slope, of_law = _compute_slope_and_sizes(problem, base, member, shared)
         sizes.append(of_law)
         counts.append(of_law.shape[1])
     # the last slope is that of all members
-    turned = view.turn(slope[:, :, None])[:, :, 0]
+    turned = view.decorrelate_by_trial(slope[:, :, None])[:, :, 0]
     together = np.concatenate(sizes, axis=1)
     finite = np.where(np.isfinite(together), together, 0.0)
-    seen = view.see_sized(turned, finite)
-    return _span_directions(members, counts, seen)
+    seen = view.compute_sized_inner_products(turned, finite)
+    return _build_directions(members, counts, seen)
 
 
-def _span_other_laws(
+def _compute_other_law_directions(
     problem: Problem, base: Fit, view: _View, members: Sequence[_ShapedLaw]
 ) -> list[Direction | None]:
     """Find the directions of laws that change a state in their own way."""
     changes: list[Floats] = []
     widths = []
     for member in members:
-        of_law = _compute_changes(problem, base, member, _Shared())
+        of_law = _compute_amplitude_changes(problem, base, member, _Shared())
         changes += of_law
         widths.append(len(of_law))
-    seen = view.see(view.turn(np.stack(changes, axis=2)))
-    return _span_directions(members, widths, seen)
+    seen = view.compute_inner_products(view.decorrelate_by_trial(np.stack(changes, axis=2)))
+    return _build_directions(members, widths, seen)
 
 
-def _span_directions(
+def _build_directions(
     members: Sequence[_ShapedLaw], widths: Sequence[int], seen: _Seen
 ) -> list[Direction | None]:
     """Build the directions of laws from the inner products of their changes side by side.
@@ -335,7 +335,7 @@ def _span_directions(
             root = scales[part, None]
             along = along_single[part]
         elif width > 1 and moves[part].all():
-            to_basis = _find_basis(of_unit_changes[part, part])
+            to_basis = _find_orthonormal_combinations(of_unit_changes[part, part])
             if to_basis is not None:
                 root = to_basis / lengths[part, None]
                 along = root.T @ seen.along[part]
@@ -343,7 +343,7 @@ def _span_directions(
         if root is None:
             directions.append(None)
             continue
-        one_sided = _is_one_sided(member.law)
+        one_sided = _has_one_sided_amplitude(member.law)
         directions.append(Direction(member.law, member.shape, root, along, one_sided))
     return directions
 
@@ -359,7 +359,7 @@ def _compute_single_scales(squared_lengths: Floats, moves: NDArray[np.bool_]) ->
     return scales
 
 
-def _compute_changes(
+def _compute_amplitude_changes(
     problem: Problem, base: Fit, shaped: _ShapedLaw, shared: _Shared
 ) -> list[Floats]:
     """Find the change of the prediction per unit of each amplitude, each of shape (n, c).
@@ -368,9 +368,9 @@ def _compute_changes(
     """
     effect = shaped.law
     if isinstance(effect.apply, SizedChange):
-        slope, sizes = _find_sizes(problem, base, shaped, shared)
+        slope, sizes = _compute_slope_and_sizes(problem, base, shaped, shared)
         return [slope * size[:, None] for size in sizes.T]
-    neutral = list_starts(effect.parameters) | dict(shaped.shape)
+    neutral = map_names_to_starts(effect.parameters) | dict(shaped.shape)
     effects = [*base.effects, effect]
     values = base.values | effect.name_values(neutral)
     changes = []
@@ -380,7 +380,7 @@ def _compute_changes(
     return changes
 
 
-def _find_sizes(
+def _compute_slope_and_sizes(
     problem: Problem, base: Fit, shaped: _ShapedLaw, shared: _Shared
 ) -> tuple[Floats, Floats]:
     """Find the slope of the prediction in the number by which a law changes each trial.
@@ -397,8 +397,8 @@ def _find_sizes(
     law = shaped.law
     apply = law.apply
     assert isinstance(apply, SizedChange)
-    slope_key = _name_slope(problem, law)
-    follows_table = _follows_table(problem, law)
+    slope_key = _make_slope_key(problem, law)
+    follows_table = _follows_table_columns(problem, law)
     kept: dict[Hashable, Floats] = {}
     if follows_table:
         kept = _SIZES_BY_TABLE.setdefault(problem.trials, kept)
@@ -412,7 +412,7 @@ def _find_sizes(
         _add_slopes(problem, base, [shaped], shared)
         column = shared.columns[followed]
     if size_key not in kept:
-        kept[size_key] = _compute_sizes(shaped, column)
+        kept[size_key] = _compute_amplitude_sizes(shaped, column)
     return shared.slopes[slope_key], kept[size_key]
 
 
@@ -430,53 +430,53 @@ def _add_slopes(
         law = member.law
         assert isinstance(law.apply, SizedChange)
         effects.append(law)
-        values |= law.name_values(list_starts(law.parameters) | dict(member.shape))
-        enlarged.append(EnlargedLaw(law, law.apply, _name_slope(problem, law)[1]))
+        values |= law.name_values(map_names_to_starts(law.parameters) | dict(member.shape))
+        enlarged.append(EnlargedLaw(law, law.apply, _make_slope_key(problem, law)[1]))
     if not enlarged:
         return
-    _, predicted = predict_ahead(problem, effects, values, {}, enlarged)
+    _, predicted = predict_at_points_and_enlarged(problem, effects, values, {}, enlarged)
     for point, (own, ahead) in enumerate(zip(enlarged, predicted, strict=True)):
         slope = (ahead - base.predicted) / own.step
-        shared.slopes.setdefault(_name_slope(problem, own.effect), slope)
-        followed = own.select_followed(point, len(ahead))
+        shared.slopes.setdefault(_make_slope_key(problem, own.effect), slope)
+        followed = own.select_followed_column(point, len(ahead))
         shared.columns.setdefault(_name_followed(problem, own.effect), followed)
 
 
 def _name_followed(problem: Problem, law: Law) -> Hashable:
     """Name what a law follows: its covariate, or its slope where the model computes that."""
-    if _follows_table(problem, law):
+    if _follows_table_columns(problem, law):
         return law.covariate
-    return _name_slope(problem, law)
+    return _make_slope_key(problem, law)
 
 
-def _follows_table(problem: Problem, law: Law) -> bool:
+def _follows_table_columns(problem: Problem, law: Law) -> bool:
     """Tell whether what a law follows is made of the table alone, whatever the model computes."""
     return law.covariate in problem.trials.covariates or bool(law.columns)
 
 
-def _compute_sizes(shaped: _ShapedLaw, column: NDArray[np.generic]) -> Floats:
+def _compute_amplitude_sizes(shaped: _ShapedLaw, column: NDArray[np.generic]) -> Floats:
     """Compute the numbers of a law per unit of each amplitude, shape (n, a)."""
     law = shaped.law
     assert isinstance(law.apply, SizedChange)
-    neutral = list_starts(law.parameters) | dict(shaped.shape)
+    neutral = map_names_to_starts(law.parameters) | dict(shaped.shape)
     sizes = []
     for p in law.amplitude_parameters:
         sizes.append(law.apply.size(column, neutral | {p.name: p.start + p.scale}))
     return np.stack(sizes, axis=1)
 
 
-def _name_slope(problem: Problem, law: Law) -> _SlopeKey:
+def _make_slope_key(problem: Problem, law: Law) -> _SlopeKey:
     """Name the slope that a law shares with others which change the state alike."""
     apply = law.apply
     assert isinstance(apply, SizedChange)
     step = _STEP * law.amplitude_parameters[0].scale
-    if _follows_table(problem, law):
+    if _follows_table_columns(problem, law):
         return apply.change, step, ""
     # only a law that follows it sees what the model computes
     return apply.change, step, law.covariate
 
 
-def _find_basis(remaining: Floats) -> Floats | None:
+def _find_orthonormal_combinations(remaining: Floats) -> Floats | None:
     """Find the combinations of changes, shape (a, k), that make orthonormal columns of them.
 
     `remaining` are their inner products, shape (a, a), each change of unit length before the
@@ -490,7 +490,7 @@ def _find_basis(remaining: Floats) -> Floats | None:
     return np.asarray(turn[:, kept] / np.sqrt(squared[kept]))
 
 
-def _is_one_sided(law: Law) -> bool:
+def _has_one_sided_amplitude(law: Law) -> bool:
     """Tell whether the only amplitude of a law cannot be negative."""
     if len(law.amplitudes) != 1:
         return False

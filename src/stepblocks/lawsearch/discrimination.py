@@ -7,7 +7,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from stepblocks.lawsearch.forward_model import Floats, Trials
-from stepblocks.lawsearch.law import Parameter, list_starts
+from stepblocks.lawsearch.law import Parameter, map_names_to_starts
 from stepblocks.lawsearch.objective import STEP
 from stepblocks.lawsearch.problem import Fit, Problem
 
@@ -61,7 +61,12 @@ class Ranking:
 
 
 def rank_settings(
-    problem: Problem, first: Fit, second: Fit, grid: Trials, shown: Sequence[str], count: int = 4
+    problem: Problem,
+    first: Fit,
+    second: Fit,
+    grid: Trials,
+    shown_covariates: Sequence[str],
+    setting_count: int = 4,
 ) -> Ranking | None:
     """Rank the settings of a grid by how well they separate two fitted models.
 
@@ -72,9 +77,9 @@ def rank_settings(
         The two models.
     grid : Trials
         Settings; nothing is measured in them.
-    shown : sequence of str
+    shown_covariates : sequence of str
         Covariates that are given for each setting.
-    count : int
+    setting_count : int
         Settings that are kept.
 
     Returns
@@ -83,7 +88,7 @@ def rank_settings(
         None where no setting separates the models.
     """
     model = problem.model
-    starts = list_starts(model.parameters(grid))
+    starts = map_names_to_starts(model.parameters(grid))
     ahead = model.predict(grid, starts | first.values, first.active_effects)
     difference = ahead - model.predict(grid, starts | second.values, second.active_effects)
     scatter = _compute_trial_covariance(problem, first, grid)
@@ -96,14 +101,14 @@ def rank_settings(
     if not np.any(known) or float(np.nanmax(gain)) < _LEAST_GAIN:
         return None
     gain = np.where(known, gain, 0.0)
-    order = _order_by_gain(gain)[:count]
+    order = _order_rows_by_gain(gain)[:setting_count]
     best = order[0]
-    repeats = _count_repeats(difference[best], scatter[best], common[best])
+    repeats = _count_decisive_repeats(difference[best], scatter[best], common[best])
     by_channel = difference[best] ** 2 / np.diag(scatter[best])
-    leading_channel = _order_by_gain(by_channel)[0]
+    leading_channel = _order_rows_by_gain(by_channel)[0]
     setting = grid.take(np.array([best]))
     scatter_of_mean = scatter[best] / max(repeats, 1)
-    settings = [_build_ranked_setting(grid, row, shown, gain) for row in order]
+    settings = [_build_ranked_setting(grid, row, shown_covariates, gain) for row in order]
     return Ranking(
         settings=tuple(settings),
         repeats=repeats,
@@ -113,19 +118,19 @@ def rank_settings(
 
 
 def _build_ranked_setting(
-    grid: Trials, row: int, shown: Sequence[str], gain: Floats
+    grid: Trials, row: int, shown_covariates: Sequence[str], gains: Floats
 ) -> RankedSetting:
-    """Return one row of a grid with its gain, as plain values of the `shown` covariates."""
+    """Return one row of a grid with its gain, as plain values of `shown_covariates`."""
     settings = {}
-    for name in shown:
+    for name in shown_covariates:
         settings[name] = grid.covariates[name][row].item()
-    return RankedSetting(settings, float(gain[row]))
+    return RankedSetting(settings, float(gains[row]))
 
 
 def _compute_trial_covariance(problem: Problem, fitted: Fit, grid: Trials) -> Floats:
     """Compute the covariance of one trial at each setting of a grid, shape (m, c, c)."""
     scatter = problem.noise.scatter
-    starts = list_starts(problem.model.parameters(grid))
+    starts = map_names_to_starts(problem.model.parameters(grid))
     responses = problem.model.responses(grid, starts | fitted.values, fitted.active_effects)
     std = np.where(problem.trials.seen, problem.trials.std, np.nan)
     typical = np.nan_to_num(np.nanmedian(std, axis=0), nan=1.0)
@@ -135,20 +140,22 @@ def _compute_trial_covariance(problem: Problem, fitted: Fit, grid: Trials) -> Fl
     return np.asarray(covariance)
 
 
-def _compute_unknown_shift(problem: Problem, fitted: Fit, grid: Trials, ahead: Floats) -> Floats:
-    """Compute by how much what is unknown of new specimens may move the prediction `ahead`.
+def _compute_unknown_shift(
+    problem: Problem, fitted: Fit, grid: Trials, predicted: Floats
+) -> Floats:
+    """Compute by how much what is unknown of new specimens may move the prediction.
 
     The shift is that of one prior standard deviation, shape (m, c).
     """
-    new = _list_new_parameters(problem, fitted, grid)
+    new = _list_unfitted_parameters(problem, fitted, grid)
     shifted = {}
     for parameter in new:
         shifted[parameter.name] = parameter.start + parameter.prior_std
     moved = problem.model.predict(grid, fitted.values | shifted, fitted.active_effects)
-    return np.asarray(moved - ahead)
+    return np.asarray(moved - predicted)
 
 
-def _list_new_parameters(problem: Problem, fitted: Fit, grid: Trials) -> list[Parameter]:
+def _list_unfitted_parameters(problem: Problem, fitted: Fit, grid: Trials) -> list[Parameter]:
     """List the parameters of a grid that no trial has known yet, such as those of a new block."""
     new = []
     for parameter in problem.model.parameters(grid):
@@ -157,7 +164,7 @@ def _list_new_parameters(problem: Problem, fitted: Fit, grid: Trials) -> list[Pa
     return new
 
 
-def _count_repeats(difference: Floats, scatter: Floats, common: Floats) -> int:
+def _count_decisive_repeats(difference: Floats, scatter: Floats, common: Floats) -> int:
     """Count the trials after which a difference is expected to be decisive; 0: never.
 
     It never is where what is unknown of a specimen explains the difference as well. `difference`
@@ -193,8 +200,8 @@ def _compute_relative_widths_after(
         Width as a share of the width now, by ``law.parameter``; places of sudden changes are left
         out.
     """
-    new = _list_new_parameters(problem, fitted, setting)
-    values = list_starts(new) | fitted.values
+    new = _list_unfitted_parameters(problem, fitted, setting)
+    values = map_names_to_starts(new) | fitted.values
     ahead = replace(problem, trials=setting)
     base = ahead.predict(fitted.effects, values)[0]
     rows = []
@@ -221,17 +228,17 @@ def _compute_relative_widths_after(
     return widths
 
 
-def _order_by_gain(gain: Floats) -> list[int]:
+def _order_rows_by_gain(gains: Floats) -> list[int]:
     """Order the rows of gains of shape (m,), the largest first.
 
     Gains that tie with the largest of them keep the order of the grid, which begins with the least
     load.
     """
-    remaining = np.argsort(-gain, kind="stable")
+    remaining = np.argsort(-gains, kind="stable")
     order: list[int] = []
     while remaining.size:
-        largest = gain[remaining[0]]
-        tied = int(np.sum(gain[remaining] >= largest - _TIE * abs(largest)))
+        largest = gains[remaining[0]]
+        tied = int(np.sum(gains[remaining] >= largest - _TIE * abs(largest)))
         order += sorted(remaining[:tied].tolist())
         remaining = remaining[tied:]
     return order

@@ -34,7 +34,7 @@ class EnlargedLaw:
     columns: list[NDArray[np.generic]] = field(default_factory=list)
 
     def enlarge_at_point(
-        self, values: Mapping[str, float], point: int, count: int
+        self, values: Mapping[str, float], point: int, point_count: int
     ) -> tuple[Law, dict[str, float | Floats]]:
         """Return the law and its values at some points, enlarged by the step at one of them.
 
@@ -44,10 +44,10 @@ class EnlargedLaw:
             Values of a fit, which hold at all points.
         point : int
             Number of the point at which the law is enlarged.
-        count : int
+        point_count : int
             Number of points.
         """
-        steps = np.zeros(count)
+        steps = np.zeros(point_count)
         steps[point] = self.step
 
         def enlarge(column: NDArray[np.generic], law_values: Mapping[str, float]) -> Floats:
@@ -58,9 +58,9 @@ class EnlargedLaw:
         law = replace(self.effect, apply=replace(self.apply, size=enlarge))
         return law, {**self.effect.pick_own_values(values), _ENLARGEMENT: steps}
 
-    def select_followed(self, point: int, trials: int) -> NDArray[np.generic]:
+    def select_followed_column(self, point: int, trial_count: int) -> NDArray[np.generic]:
         """Return what the law followed at one of the points, each of as many trials."""
-        return np.concatenate(self.columns)[point * trials : (point + 1) * trials]
+        return np.concatenate(self.columns)[point * trial_count : (point + 1) * trial_count]
 
     def differentiate_prediction(
         self, values: Mapping[str, float], change: Floats, point: int, step: float
@@ -81,7 +81,7 @@ class EnlargedLaw:
         step : float
             By which parameters are moved, in units of their scales.
         """
-        followed = self.select_followed(point, len(change))
+        followed = self.select_followed_column(point, len(change))
         own_values = self.effect.pick_own_values(values)
         size = self.apply.size(followed, own_values)
         growths = []
@@ -102,7 +102,7 @@ def enlarge_sized_laws(effects: Sequence[Law], step: float) -> list[EnlargedLaw]
     return enlarged
 
 
-def predict_ahead(
+def predict_at_points_and_enlarged(
     problem: Problem,
     effects: Sequence[Law],
     values: Mapping[str, float],

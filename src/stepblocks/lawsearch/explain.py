@@ -6,14 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
-from stepblocks.lawsearch.adequacy import depends_on_settings
+from stepblocks.lawsearch.adequacy import depends_on_covariates
 from stepblocks.lawsearch.findings import BadTrial, Explanation, Rules
 from stepblocks.lawsearch.fit import build_problem
 from stepblocks.lawsearch.forward_model import ForwardModel, Trials
 from stepblocks.lawsearch.judge import judge_search
 from stepblocks.lawsearch.law import Law
-from stepblocks.lawsearch.mixture import find_bad_trials
-from stepblocks.lawsearch.scatter import find_outliers
+from stepblocks.lawsearch.mixture import estimate_bad_trial_chances
+from stepblocks.lawsearch.scatter import mark_outliers
 from stepblocks.lawsearch.search import DeployedError, search_effects_and_structure
 
 _BAD = 0.5  # chance that a trial went wrong, from which it is held apart
@@ -59,17 +59,17 @@ def explain(
     rules = rules or Rules()
     if not isinstance(trials, Trials):
         trials = Trials.from_table(trials)
-    trials, wild_rows = _leave_out_wild_readings(trials, rules.wild)
+    trials, wild_rows = _remove_wild_readings(trials, rules.wild)
     problem = build_problem(model, trials)
     found = search_effects_and_structure(problem, candidates, rules, deployed, announce)
     apart: dict[int, float] = {}
     for _ in range(_ROUNDS):
-        chance = find_bad_trials(found.problem, found.extended).chance
+        chance = estimate_bad_trial_chances(found.problem, found.extended).chance
         bad = np.flatnonzero(chance > _BAD)
         if not bad.size or len(apart) + bad.size > _MOST_APART * len(trials):
             break
         # what goes wrong under some settings alone is what the model lacks
-        if depends_on_settings(chance, trials):
+        if depends_on_covariates(chance, trials):
             break
         apart |= dict(zip(bad.tolist(), chance[bad].tolist(), strict=True))
         trials = trials.without(list(apart))
@@ -84,7 +84,7 @@ def explain(
     return replace(explanation, apart=tuple(bad_trials))
 
 
-def _leave_out_wild_readings(trials: Trials, threshold: float) -> tuple[Trials, list[int]]:
+def _remove_wild_readings(trials: Trials, threshold: float) -> tuple[Trials, list[int]]:
     """Leave out single readings far from any smooth function of the conditions.
 
     The other readings of their trials count. What is wild under some settings alone is what a
@@ -102,9 +102,9 @@ def _leave_out_wild_readings(trials: Trials, threshold: float) -> tuple[Trials, 
     rows : list of int
         Trials with such a reading.
     """
-    wild = find_outliers(trials, threshold)
+    wild = mark_outliers(trials, threshold)
     is_wild = np.asarray(wild.any(axis=1), dtype=np.float64)
     rows = np.flatnonzero(is_wild)
-    if not rows.size or depends_on_settings(is_wild, trials):
+    if not rows.size or depends_on_covariates(is_wild, trials):
         return trials, []
     return replace(trials, values=np.where(wild, np.nan, trials.values)), rows.tolist()

@@ -7,11 +7,11 @@ from scipy.optimize import OptimizeResult, least_squares
 
 from stepblocks.errors import PipelineError
 from stepblocks.lawsearch.forward_model import Floats, ForwardModel, Trials
-from stepblocks.lawsearch.law import Law, list_starts
+from stepblocks.lawsearch.law import Law, map_names_to_starts
 from stepblocks.lawsearch.objective import (
     Objective,
-    compute_linear_gain,
-    find_free_directions,
+    compute_linearised_gain,
+    mark_free_parameters,
 )
 from stepblocks.lawsearch.problem import Fit, Problem, build_noise_without_model
 from stepblocks.lawsearch.scatter import TRIALS_PER_SPECIMEN
@@ -30,8 +30,8 @@ def fit(
     problem: Problem,
     effects: Sequence[Law] = (),
     start: Mapping[str, float] | None = None,
-    evaluations: int = _EVALUATIONS,
-    rival: float = float("inf"),
+    evaluation_limit: int = _EVALUATIONS,
+    rival_criterion: float = float("inf"),
 ) -> Fit:
     """Fit the model with some effects.
 
@@ -41,9 +41,9 @@ def fit(
     effects : sequence of Law
     start : Mapping[str, float], optional
         Where the fit begins, by name; parameters that it does not name begin at their start.
-    evaluations : int
+    evaluation_limit : int
         Of the model, at most.
-    rival : float
+    rival_criterion : float
         Criterion of another fit; this one is given up where it stays far behind.
 
     Raises
@@ -51,7 +51,7 @@ def fit(
     HopelessFitError
         If the fit is unlikely to reach its rival.
     """
-    objective = Objective(problem, effects, rival)
+    objective = Objective(problem, effects, rival_criterion)
     known = start or {}
     begin = np.array([known.get(p.name, p.start) for p in objective.parameters])
     low, high = objective.bounds
@@ -64,7 +64,7 @@ def fit(
         ftol=_COST_TOLERANCE,
         xtol=_STEP_TOLERANCE,
         gtol=_SLOPE_TOLERANCE,
-        max_nfev=evaluations,
+        max_nfev=evaluation_limit,
     )
     if _has_room_to_improve(solution, objective.bounds):
         # the trust region weighs its steps by the distance to all bounds, also far from them: along
@@ -78,7 +78,7 @@ def fit(
             ftol=_COST_TOLERANCE,
             xtol=_STEP_TOLERANCE * _FINER,
             gtol=_SLOPE_TOLERANCE,
-            max_nfev=evaluations,
+            max_nfev=evaluation_limit,
         )
     residual, jacobian = solution.fun, -np.asarray(solution.jac)
     # the triangle of a QR has the singular values of the whole, at a fraction of the work
@@ -106,13 +106,13 @@ def _has_room_to_improve(solution: OptimizeResult, bounds: tuple[Floats, Floats]
 
     What presses against its bound stays there: a step over the bound promises what no fit can keep.
     """
-    is_free = find_free_directions(solution.x, solution.grad, bounds)
-    return compute_linear_gain(solution.jac[:, is_free], solution.fun) > _LEAST_GAIN
+    is_free = mark_free_parameters(solution.x, solution.grad, bounds)
+    return compute_linearised_gain(solution.jac[:, is_free], solution.fun) > _LEAST_GAIN
 
 
 def fit_without(problem: Problem, current: Fit, effect: Law) -> Fit:
     """Fit again without one of the effects of a fit."""
-    return fit(problem, current.list_laws_beside(effect), current.values)
+    return fit(problem, current.list_other_effects(effect), current.values)
 
 
 def build_problem(model: ForwardModel, trials: Trials) -> Problem:
@@ -128,7 +128,7 @@ def build_problem(model: ForwardModel, trials: Trials) -> Problem:
             f"at least {FEWEST_TRIALS} trials are needed to explain a session, got {len(trials)}"
         )
     systematics = model.systematics(trials)
-    start = list_starts(model.parameters(trials))
+    start = map_names_to_starts(model.parameters(trials))
     for _ in range(_WEIGHTINGS):
         # the responses depend on the constants, the constants a little on the weights
         responses = model.responses(trials, start)
@@ -139,5 +139,5 @@ def build_problem(model: ForwardModel, trials: Trials) -> Problem:
     # without room for a level of each specimen, the regression takes heights for scatter
     specimens = len(set(trials.block.tolist()))
     if len(trials) < TRIALS_PER_SPECIMEN * specimens:
-        return problem.reduce_noise(fitted)
+        return problem.estimate_noise_about_fit(fitted)
     return problem

@@ -93,19 +93,19 @@ def score_candidates(
     """
     vectors = np.concatenate([base.residual, base.departure])[:, None]
     if draws:
-        vectors = np.hstack([vectors, _draw_noise(problem, base, draws, seed)])
+        vectors = np.hstack([vectors, _draw_noise_vectors(problem, base, draws, seed)])
     known = build_tangent_basis(base)
     directions = compute_directions(problem, base, effects, known, vectors)
     if not directions:
         # what would open the gate of one candidate
         return Gate(1.0, (), float(stats.chi2.isf(alpha, 1)))
     dof = float(max(problem.noise.scatter.dof, _LEAST_FREEDOM))
-    variance = _estimate_variance(base.residual)
+    variance = _estimate_whitened_variance(base.residual)
     freedom = np.array([len(direction.along) for direction in directions], dtype=float)
-    gains = _compute_gains(directions)
+    gains = _compute_gains_along_directions(directions)
     observed, null = gains[:, 0], gains[:, 1:]
-    log_p = _compute_log_p(observed[:, None] / variance, freedom, dof)[:, 0]
-    scores = _keep_best_scores(directions, log_p, observed)
+    log_p = _compute_log_p_values(observed[:, None] / variance, freedom, dof)[:, 0]
+    scores = _score_effects_at_best_shape(directions, log_p, observed)
     if not draws:
         return Gate(1.0, scores)
     # among directions of equal freedom the least p of a draw is that of the largest gain
@@ -113,14 +113,14 @@ def score_candidates(
     largest = []
     for kind in kinds:
         largest.append(null[freedom == kind].max(axis=0))
-    least_log_p = _compute_log_p(np.stack(largest), kinds, dof).min(axis=0)
+    least_log_p = _compute_log_p_values(np.stack(largest), kinds, dof).min(axis=0)
     level = np.exp(np.quantile(least_log_p, alpha))
     least_gain = float(stats.f.isf(level, 1.0, dof)) * variance
     as_small = np.sum(least_log_p <= log_p.min())
     return Gate(float((1 + as_small) / (draws + 1)), scores, least_gain)
 
 
-def _estimate_variance(residual: Floats) -> float:
+def _estimate_whitened_variance(residual: Floats) -> float:
     """Estimate the variance of whitened residuals, robustly and no less than the expected one."""
     existing = np.abs(residual[residual != 0.0])
     if not existing.size:
@@ -128,7 +128,7 @@ def _estimate_variance(residual: Floats) -> float:
     return max(1.0, float((_MAD_TO_STD * np.median(existing)) ** 2))
 
 
-def _keep_best_scores(
+def _score_effects_at_best_shape(
     directions: Sequence[Direction], log_p: Floats, gains: Floats
 ) -> tuple[Score, ...]:
     """Score each effect at the shape that does best, best effects first.
@@ -152,7 +152,7 @@ def _keep_best_scores(
     return tuple(sorted(best.values(), key=lambda score: score.log_p))
 
 
-def _compute_gains(directions: Sequence[Direction]) -> Floats:
+def _compute_gains_along_directions(directions: Sequence[Direction]) -> Floats:
     """Compute what each of the m vectors would gain along each direction, shape (d, m)."""
     firsts = np.cumsum([0, *(len(direction.along) for direction in directions[:-1])])
     squares = np.concatenate([direction.along for direction in directions]) ** 2
@@ -163,15 +163,15 @@ def _compute_gains(directions: Sequence[Direction]) -> Floats:
     return gains
 
 
-def _compute_log_p(gains: Floats, freedom: Floats, noise_dof: float) -> Floats:
+def _compute_log_p_values(gains: Floats, gain_dof: Floats, noise_dof: float) -> Floats:
     """Compute the logarithm of the p value of gains of shape (d, m), with freedom of shape (d,)."""
-    log_p = np.asarray(stats.f.logsf(gains / freedom[:, None], freedom[:, None], noise_dof))
+    log_p = np.asarray(stats.f.logsf(gains / gain_dof[:, None], gain_dof[:, None], noise_dof))
     # beyond the smallest number the leading term of the tail keeps the order
     tail = _LEAST_LOG - 0.5 * noise_dof * np.log1p(gains / noise_dof)
     return np.where(np.isneginf(log_p), tail, log_p)
 
 
-def _draw_noise(problem: Problem, base: Fit, draws: int, seed: int) -> Floats:
+def _draw_noise_vectors(problem: Problem, base: Fit, draw_count: int, seed: int) -> Floats:
     """Draw noise of the design: residual vectors of whole trials, shuffled and with random signs.
 
     The residuals have unit variance; priors and floors get normal deviates. The shape is
@@ -186,15 +186,15 @@ def _draw_noise(problem: Problem, base: Fit, draws: int, seed: int) -> Floats:
     std = np.maximum(np.sqrt(mean_square), 1e-12)
     # the tails are those of the residuals, but a sheer misfit counts no more than four deviations
     pool = np.clip(by_trial / std, -_MOST_DEVIATIONS, _MOST_DEVIATIONS)
-    shuffled = pool[generator.integers(0, n, (draws, n))]
-    signs = generator.choice([-1.0, 1.0], (draws, n, 1))
+    shuffled = pool[generator.integers(0, n, (draw_count, n))]
+    signs = generator.choice([-1.0, 1.0], (draw_count, n, 1))
     noise = np.where(seen, shuffled * signs, 0.0)
-    of_priors = generator.standard_normal((total - count, draws))
-    return np.vstack([noise.reshape(draws, count).T, of_priors])
+    of_priors = generator.standard_normal((total - count, draw_count))
+    return np.vstack([noise.reshape(draw_count, count).T, of_priors])
 
 
-def compute_detectable(
-    problem: Problem, base: Fit, effects: Sequence[Law], needed: float
+def compute_detectable_amplitudes(
+    problem: Problem, base: Fit, effects: Sequence[Law], needed_gain: float
 ) -> dict[str, float]:
     """Compute the amplitude at which each effect opens the gate nine times in ten.
 
@@ -204,7 +204,7 @@ def compute_detectable(
     base : Fit
     effects : sequence of Law
         Those of one amplitude are considered.
-    needed : float
+    needed_gain : float
         Gain that opens the gate.
 
     Returns
@@ -219,7 +219,7 @@ def compute_detectable(
     known = build_tangent_basis(base)
     # the root of the expected gain exceeds that of the gain that opens the gate by 1.28 standard
     # deviations
-    root_gain = np.sqrt(needed) + _NINE_IN_TEN
+    root_gain = np.sqrt(needed_gain) + _NINE_IN_TEN
     found: dict[str, float] = {}
     for direction in compute_directions(problem, base, considered, known):
         law = direction.effect

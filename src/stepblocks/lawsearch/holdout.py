@@ -84,7 +84,7 @@ def _compute_rms(errors: Floats) -> float:
     return float(np.sqrt(np.mean(finite**2)))
 
 
-def split_within_blocks(trials: Trials, folds: int, seed: int = 0) -> list[Rows]:
+def split_within_blocks(trials: Trials, fold_count: int, seed: int = 0) -> list[Rows]:
     """Split trials at random so that each fold holds some of every block.
 
     Returns
@@ -97,27 +97,27 @@ def split_within_blocks(trials: Trials, folds: int, seed: int = 0) -> list[Rows]
     offset = 0
     for block in np.unique(trials.block):
         rows = generator.permutation(np.flatnonzero(trials.block == block))
-        fold[rows] = (np.arange(len(rows)) + offset) % folds
+        fold[rows] = (np.arange(len(rows)) + offset) % fold_count
         offset += len(rows)
-    return _list_rows_of_folds(fold, folds)
+    return _list_rows_by_fold(fold, fold_count)
 
 
-def _list_rows_of_folds(fold: Rows, folds: int) -> list[Rows]:
+def _list_rows_by_fold(fold_of_row: Rows, fold_count: int) -> list[Rows]:
     """List the rows of each fold, by the fold of each row, shape (n,)."""
-    return [np.flatnonzero(fold == number) for number in range(folds)]
+    return [np.flatnonzero(fold_of_row == number) for number in range(fold_count)]
 
 
-def split_by_block(trials: Trials, most_folds: int) -> list[Rows]:
+def split_by_block(trials: Trials, fold_limit: int) -> list[Rows]:
     """Split trials so that each fold holds whole blocks.
 
     Returns
     -------
     list of arrays
-        Rows of the trials that each fold holds out; at most `most_folds` arrays.
+        Rows of the trials that each fold holds out; at most `fold_limit` arrays.
     """
     _, number = np.unique(trials.block, return_inverse=True)
-    folds = min(most_folds, int(number.max()) + 1)
-    return _list_rows_of_folds(number % most_folds, folds)
+    folds = min(fold_limit, int(number.max()) + 1)
+    return _list_rows_by_fold(number % fold_limit, folds)
 
 
 @dataclass(frozen=True)
@@ -154,8 +154,11 @@ def build_folds(whole: Problem, rows_of_folds: Sequence[Rows]) -> list[Fold]:
     return folds
 
 
-def select_effects_without(
-    fold: Fold, candidates: ListCandidates, rules: Rules, values: Mapping[str, float]
+def select_effects_without_fold(
+    fold: Fold,
+    list_candidates: ListCandidates,
+    rules: Rules,
+    fitted_values: Mapping[str, float],
 ) -> tuple[str, ...]:
     """Name the effects that a search chooses without the trials of one fold.
 
@@ -165,22 +168,22 @@ def select_effects_without(
     Parameters
     ----------
     fold : Fold
-    candidates : callable
+    list_candidates : callable
         Effects that may be asked of a table.
     rules : Rules
-    values : Mapping[str, float]
+    fitted_values : Mapping[str, float]
         Values of the fit of all trials.
     """
-    laws = candidates(fold.problem.trials)
+    laws = list_candidates(fold.problem.trials)
     found = search_effects_and_structure(fold.problem, laws, rules)
     chosen = tuple(law.id for law in found.extended.effects)
     of_all_trials = {}
     for law in laws:
-        if law.name_in_fit(law.parameters[0].name) in values:
+        if law.name_in_fit(law.parameters[0].name) in fitted_values:
             of_all_trials[law.id] = law
     if not set(chosen) - set(of_all_trials):
         return chosen
-    whole = fit(found.problem, list(of_all_trials.values()), values)
+    whole = fit(found.problem, list(of_all_trials.values()), fitted_values)
     if whole.criterion <= found.extended.criterion + rules.margin:
         return tuple(of_all_trials)
     return chosen
@@ -195,9 +198,9 @@ class HeldOutPredictor:
         Of all trials.
     nominal : Fit
         Of all trials, without effects.
-    ways : sequence of sequences of Fold
+    fold_splits : sequence of sequences of Fold
         The folds of each way of holding out.
-    candidates : callable
+    list_candidates : callable
         Effects that may be asked of a table: one of a specimen that a fold never saw is not.
     """
 
@@ -205,18 +208,18 @@ class HeldOutPredictor:
         self,
         problem: Problem,
         nominal: Fit,
-        ways: Sequence[Sequence[Fold]],
-        candidates: ListCandidates,
+        fold_splits: Sequence[Sequence[Fold]],
+        list_candidates: ListCandidates,
     ) -> None:
         self._problem = problem
         self._nominal = nominal
         self._model = problem.model
         self._trials = problem.trials
         self._ways: list[list[_FoldWithLaws]] = []
-        for folds in ways:
-            self._ways.append([_FoldWithLaws(fold, candidates) for fold in folds])
+        for folds in fold_splits:
+            self._ways.append([_FoldWithLaws(fold, list_candidates) for fold in folds])
 
-    def compute_errors(
+    def compute_held_out_errors(
         self,
         effects: Sequence[Law],
         start: Mapping[str, float] | None = None,
@@ -258,10 +261,10 @@ class HeldOutPredictor:
         start: Mapping[str, float] | None,
         prior_shift: float,
     ) -> Floats:
-        """Predict the trials that a fold holds out; see `compute_errors`."""
+        """Predict the trials that a fold holds out; see `compute_held_out_errors`."""
         fold = with_laws.fold
-        known = _list_known_effects(with_laws.laws, effects)
-        held = [_hold_places(law, start or {}) for law in known]
+        known = _list_effects_known_to_fold(with_laws.laws, effects)
+        held = [_fix_jump_places(law, start or {}) for law in known]
         fitted = fit(fold.problem, held, start)
         test = self._trials.take(fold.rows)
         starts = {}
@@ -273,7 +276,7 @@ class HeldOutPredictor:
         ahead = Problem(self._model, test, fold.problem.noise)
         return ahead.predict(known, starts | fitted.values)
 
-    def find_open_values(self, nominal: Sequence[Floats]) -> list[NDArray[np.bool_]]:
+    def mark_errors_left_open(self, nominal: Sequence[Floats]) -> list[NDArray[np.bool_]]:
         """Find the errors that the unknown of new specimens decides, and no model.
 
         An example is 1 um of an unscanned block that nearly locks.
@@ -281,22 +284,22 @@ class HeldOutPredictor:
         Parameters
         ----------
         nominal : sequence of arrays
-            Errors of the nominal model, as `compute_errors` returns them.
+            Errors of the nominal model, as `compute_held_out_errors` returns them.
         """
-        lowered = self.compute_errors((), prior_shift=-1.0)
-        raised = self.compute_errors((), prior_shift=1.0)
+        lowered = self.compute_held_out_errors((), prior_shift=-1.0)
+        raised = self.compute_held_out_errors((), prior_shift=1.0)
         left_open = []
         for error, error_lowered, error_raised in zip(nominal, lowered, raised, strict=True):
-            left_open.append(_find_open_values(error, error_lowered, error_raised))
+            left_open.append(_mark_errors_left_open(error, error_lowered, error_raised))
         return left_open
 
 
 class _FoldWithLaws:
     """A fold, and the laws that the trials it leaves may show, listed when they are asked for."""
 
-    def __init__(self, fold: Fold, candidates: ListCandidates) -> None:
+    def __init__(self, fold: Fold, list_candidates: ListCandidates) -> None:
         self.fold = fold
-        self._candidates = candidates
+        self._candidates = list_candidates
 
     @cached_property
     def laws(self) -> Mapping[str, Law]:
@@ -304,7 +307,7 @@ class _FoldWithLaws:
         return {law.id: law for law in self._candidates(self.fold.problem.trials)}
 
 
-def _list_known_effects(laws: Mapping[str, Law], effects: Sequence[Law]) -> list[Law]:
+def _list_effects_known_to_fold(laws: Mapping[str, Law], effects: Sequence[Law]) -> list[Law]:
     """List the effects that the trials of a fold can tell of, as laws of these trials.
 
     What differs by specimen is known of those alone that took part.
@@ -324,7 +327,7 @@ def _list_known_effects(laws: Mapping[str, Law], effects: Sequence[Law]) -> list
     return known
 
 
-def _find_open_values(error: Floats, lowered: Floats, raised: Floats) -> NDArray[np.bool_]:
+def _mark_errors_left_open(error: Floats, lowered: Floats, raised: Floats) -> NDArray[np.bool_]:
     """Mark errors that move by more than a few typical errors; all have the shape (n, c).
 
     `lowered` and `raised` are the errors with the unknown moved either way.
@@ -336,7 +339,7 @@ def _find_open_values(error: Floats, lowered: Floats, raised: Floats) -> NDArray
     return np.asarray(np.isfinite(error) & ~decided)
 
 
-def _hold_places(law: Law, values: Mapping[str, float]) -> Law:
+def _fix_jump_places(law: Law, fitted_values: Mapping[str, float]) -> Law:
     """Hold the places of sudden changes where all trials have put them.
 
     No slope leads a fit of fewer trials back to such a place.
@@ -344,7 +347,7 @@ def _hold_places(law: Law, values: Mapping[str, float]) -> Law:
     parameters = []
     for p in law.parameters:
         if p.name in law.steps:
-            place = values[law.name_in_fit(p.name)]
+            place = fitted_values[law.name_in_fit(p.name)]
             parameters.append(replace(p, low=place - _PLACE_SLACK, high=place + _PLACE_SLACK))
         else:
             parameters.append(p)

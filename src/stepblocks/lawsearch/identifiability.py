@@ -10,7 +10,7 @@ import numpy as np
 from stepblocks.lawsearch.directions import (
     build_tangent_basis,
     compute_tangent,
-    compute_unit_changes,
+    compute_unit_directions,
 )
 from stepblocks.lawsearch.forward_model import Floats
 from stepblocks.lawsearch.law import Law
@@ -40,7 +40,9 @@ class Identifiability:
     left_to_their_prior: list[str]
 
 
-def compare_directions(problem: Problem, base: Fit, effects: Sequence[Law]) -> Identifiability:
+def find_indistinguishable_effects(
+    problem: Problem, base: Fit, effects: Sequence[Law]
+) -> Identifiability:
     """Compare the directions in which effects and constants move the prediction.
 
     Parameters
@@ -57,7 +59,7 @@ def compare_directions(problem: Problem, base: Fit, effects: Sequence[Law]) -> I
             middle = law.shapes[len(law.shapes) // 2]
             compared.append(replace(law, shapes=(middle,)))
     known = build_tangent_basis(base)
-    directions = compute_unit_changes(problem, base, compared, known)
+    directions = compute_unit_directions(problem, base, compared, known)
     imitated: dict[str, tuple[str, ...]] = {}
     for law in compared:
         if law.id in directions:
@@ -65,7 +67,9 @@ def compare_directions(problem: Problem, base: Fit, effects: Sequence[Law]) -> I
         constants = _list_imitating_constants(problem, base, law)
         if constants is not None:
             imitated[law.id] = constants
-    return Identifiability(imitated, _group_alike(directions), _list_left_to_prior(base))
+    return Identifiability(
+        imitated, _group_effects_by_direction(directions), _list_constants_left_to_prior(base)
+    )
 
 
 def _list_imitating_constants(problem: Problem, base: Fit, law: Law) -> tuple[str, ...] | None:
@@ -87,7 +91,7 @@ def _list_imitating_constants(problem: Problem, base: Fit, law: Law) -> tuple[st
     return tuple(names)
 
 
-def _group_alike(directions: dict[str, Floats]) -> list[list[str]]:
+def _group_effects_by_direction(directions: dict[str, Floats]) -> list[list[str]]:
     """Group the effects whose directions, unit vectors by name, are nearly the same."""
     alike = nx.Graph()
     for first, second in combinations(directions, 2):
@@ -96,7 +100,7 @@ def _group_alike(directions: dict[str, Floats]) -> list[list[str]]:
     return list(map(sorted, nx.connected_components(alike)))
 
 
-def _list_left_to_prior(base: Fit) -> list[str]:
+def _list_constants_left_to_prior(base: Fit) -> list[str]:
     """List the constants whose error stays that of the prior."""
     names = []
     for p in base.parameters:

@@ -7,11 +7,11 @@ import numpy as np
 
 from stepblocks.lawsearch.adequacy import (
     HiddenChannel,
-    check_residuals,
-    find_largest_shares,
+    find_largest_gain_shares,
     fit_without_each_channel,
+    test_residuals_against_covariates,
 )
-from stepblocks.lawsearch.choice import Rival, select_likeliest
+from stepblocks.lawsearch.choice import Rival, select_likeliest_rivals
 from stepblocks.lawsearch.findings import (
     Doubt,
     Explanation,
@@ -23,7 +23,7 @@ from stepblocks.lawsearch.findings import (
 from stepblocks.lawsearch.fit import fit, fit_without
 from stepblocks.lawsearch.law import Law, remove_variant_mark
 from stepblocks.lawsearch.problem import Fit, Problem
-from stepblocks.lawsearch.search import choose_in_place_of
+from stepblocks.lawsearch.search import choose_replacement_candidate
 
 # share of the whole gain below which an effect only stands in for what is left
 _LEAST_SHARE = 0.3
@@ -40,7 +40,7 @@ def judge_search(found: SearchResult, candidates: Sequence[Law], rules: Rules) -
     """Judge every effect that a search has found, and the whole."""
     problem, current = found.problem, found.extended
     findings = _judge_effects(found, candidates, rules)
-    checks = check_residuals(problem, current)
+    checks = test_residuals_against_covariates(problem, current)
     gate_is_open = found.last_gate_p <= rules.alpha
     verdicts = [finding.verdict for finding in findings]
     verdict = min(verdicts, key=_WEAKEST_FIRST.index, default=Verdict.NONE)
@@ -106,13 +106,13 @@ def _judge_effect(
     """Judge one effect beside its rivals."""
     problem, current = found.problem, found.extended
     base = fit_without(problem, current, effect)
-    rivals = _list_rivals(found, effect, base, candidates, rules)
+    rivals = _list_rival_effects(found, effect, base, candidates, rules)
     elsewhere = []
     for rival in rivals:
-        if _is_other_claim(rival.effect, effect):
+        if _is_rival_claim(rival.effect, effect):
             elsewhere.append(rival)
     gain = base.cost - current.cost
-    doubt = _find_doubt(found, effect, base, gain)
+    doubt = _find_reason_for_doubt(found, effect, base, gain)
     if doubt is not None:
         verdict = Verdict.UNEXPLAINED
     elif elsewhere:
@@ -123,25 +123,25 @@ def _judge_effect(
         verdict = Verdict.UNEXPLAINED
     if doubt is None and not effect.named and not effect.shape:
         doubt = Doubt.NO_LAW_FITS
-    shares = find_largest_shares(base, current, without_channel)
+    shares = find_largest_gain_shares(base, current, without_channel)
     return Finding(
         effect=effect,
         verdict=verdict,
         gate_p=found.gates.get(effect.id, found.last_gate_p),
         gain=gain,
-        rivals=select_likeliest(rivals, elsewhere[:1]),
+        rivals=select_likeliest_rivals(rivals, elsewhere[:1]),
         leading_trial=shares.trial,
         leading_channel=shares.channel,
         reason=doubt or "",
     )
 
 
-def _is_other_claim(rival: Law, effect: Law) -> bool:
+def _is_rival_claim(rival: Law, effect: Law) -> bool:
     """Tell whether a rival claims another place, or another law of the same place."""
     return rival.place != effect.place or (rival.named and effect.named)
 
 
-def _list_rivals(
+def _list_rival_effects(
     found: SearchResult, effect: Law, base: Fit, candidates: Sequence[Law], rules: Rules
 ) -> list[Rival]:
     """List the effects that do as well as one that was found, one of each family, best first.
@@ -150,14 +150,14 @@ def _list_rivals(
     """
     problem, current = found.problem, found.extended
     fits = min(rules.fits, _MOST_RIVAL_FITS)
-    choice = choose_in_place_of(effect, problem, current, base, candidates, fits)
+    choice = choose_replacement_candidate(effect, problem, current, base, candidates, fits)
     if choice is None or effect.id in found.walks:
         return []
     rivals = []
-    families = {_find_family(effect)}
+    families = {_get_effect_family(effect)}
     for fitted in choice.tried:
         law = fitted.effects[-1]
-        family = _find_family(law)
+        family = _get_effect_family(law)
         if family in families or fitted.criterion > current.criterion + rules.margin:
             continue
         if law.place == effect.place and not law.named:
@@ -171,7 +171,9 @@ def _list_rivals(
     return rivals
 
 
-def _find_doubt(found: SearchResult, effect: Law, base: Fit, gain: float) -> Doubt | None:
+def _find_reason_for_doubt(
+    found: SearchResult, effect: Law, base: Fit, gain: float
+) -> Doubt | None:
     """Find why an effect must not be claimed, whatever its rivals.
 
     `base` is the fit without the effect, `gain` the cost that the effect saves.
@@ -197,7 +199,7 @@ def _is_special_case(problem: Problem, current: Fit, effect: Law, rival: Fit) ->
     """
     wider = rival.effects[-1]
     if wider.steps and effect.covariate == "none":
-        return _find_moved_share(problem, rival) >= _NEARLY_ALL
+        return _compute_moved_trial_share(problem, rival) >= _NEARLY_ALL
     if wider.steps:
         return np.allclose(
             rival.predicted, current.predicted, atol=_SAME_PREDICTION, equal_nan=True
@@ -207,19 +209,19 @@ def _is_special_case(problem: Problem, current: Fit, effect: Law, rival: Fit) ->
     if len(sizes) != 1 or len(wider.parameters) < 2 or not only_amplitudes:
         return False
     alike = dict.fromkeys(wider.amplitudes, sizes[0])
-    active = [*current.list_effects_beside(effect), (wider, alike)]
+    active = [*current.list_other_active_effects(effect), (wider, alike)]
     predicted = problem.model.predict(problem.trials, current.values, active)
     return np.allclose(predicted, current.predicted, rtol=1e-9, atol=1e-12, equal_nan=True)
 
 
-def _find_moved_share(problem: Problem, fitted: Fit) -> float:
+def _compute_moved_trial_share(problem: Problem, fitted: Fit) -> float:
     """Find the share of the trials whose prediction the last effect of a fit moves."""
     without = problem.model.predict(problem.trials, fitted.values, fitted.active_effects[:-1])
     moved = np.abs(fitted.predicted - without) > _MOVED
     return float(np.mean(moved.any(axis=1)))
 
 
-def _find_family(effect: Law) -> str:
+def _get_effect_family(effect: Law) -> str:
     """Return the family of an effect; laws of single specimens are families of their own."""
     if effect.covariate == "block":
         return effect.id

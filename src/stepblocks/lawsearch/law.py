@@ -194,12 +194,12 @@ Active = Sequence[tuple[Law, Mapping[str, float]]]  # effects with the values of
 ActiveAtPoints = Sequence[tuple[Law, Mapping[str, float | NDArray[np.float64]]]]
 
 
-def collect_ids(effects: Iterable[Law]) -> set[str]:
+def collect_law_ids(effects: Iterable[Law]) -> set[str]:
     """Collect the names of effects."""
     return {law.id for law in effects}
 
 
-def list_starts(parameters: Sequence[Parameter]) -> dict[str, float]:
+def map_names_to_starts(parameters: Sequence[Parameter]) -> dict[str, float]:
     """List where parameters start, by their names."""
     return {p.name: p.start for p in parameters}
 
@@ -209,7 +209,7 @@ def remove_variant_mark(law_id: str) -> str:
     return law_id.split("~")[0]
 
 
-def correct_by_holm(p_values: Sequence[float]) -> NDArray[np.float64]:
+def correct_p_values_by_holm(p_values: Sequence[float]) -> NDArray[np.float64]:
     """Correct p values for multiple testing.
 
     Parameters
@@ -224,7 +224,7 @@ def correct_by_holm(p_values: Sequence[float]) -> NDArray[np.float64]:
 
     Examples
     --------
-    >>> correct_by_holm([0.01, 0.5, 0.02]).tolist()
+    >>> correct_p_values_by_holm([0.01, 0.5, 0.02]).tolist()
     [0.03, 0.5, 0.04]
     """
     # statsmodels gives the same numbers, but collects the garbage of the whole process each time,

@@ -32,7 +32,7 @@ class BadTrials:
     share: float
 
 
-def find_bad_trials(problem: Problem, fitted: Fit) -> BadTrials:
+def estimate_bad_trial_chances(problem: Problem, fitted: Fit) -> BadTrials:
     """Estimate the chance that each trial went wrong, and the share of such trials.
 
     Parameters
@@ -72,6 +72,6 @@ def _compute_squared_distances(problem: Problem, fitted: Fit) -> Floats:
     trials = problem.trials
     difference = np.where(trials.seen, trials.values - fitted.predicted, 0.0)
     # errors that trials share make none of them a bad one
-    alone = problem.noise.subtract_shared(difference)
+    alone = problem.noise.subtract_shared_errors(difference)
     white = np.einsum("nij,nj->ni", problem.noise.factors, alone)
     return np.asarray(np.sum(white**2, axis=1))

@@ -41,9 +41,9 @@ class Noise:
         filled = np.where(np.isfinite(residual), residual, 0.0)
         tail = filled.shape[2:]
         white = np.matmul(self.factors, filled.reshape(*filled.shape[:2], -1)).reshape(-1, *tail)
-        return self.shrink_shared(white)
+        return self.shrink_shared_errors(white)
 
-    def shrink_shared(self, white: Floats) -> Floats:
+    def shrink_shared_errors(self, white: Floats) -> Floats:
         """Shrink what lies along the common errors; vectors of shape (n c,) or (n c, p)."""
         along = self.basis.T @ white
         weight = 1.0 - self.shrink
@@ -63,7 +63,7 @@ class Noise:
         along = self.basis.T @ turned.ravel()
         return float(np.sum((self.shrink**-2 - 1.0) * along**2))
 
-    def subtract_shared(self, residual: Floats) -> Floats:
+    def subtract_shared_errors(self, residual: Floats) -> Floats:
         """Subtract the prediction of the errors that trials share from residuals of shape (n, c).
 
         It is the best linear prediction of random effects (Henderson 1975, doi:10.2307/2529430).

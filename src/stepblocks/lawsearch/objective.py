@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
-from stepblocks.lawsearch.enlarged_law import enlarge_sized_laws, predict_ahead
+from stepblocks.lawsearch.enlarged_law import enlarge_sized_laws, predict_at_points_and_enlarged
 from stepblocks.lawsearch.forward_model import Floats
-from stepblocks.lawsearch.law import Law, Parameter, SizedChange, list_starts
-from stepblocks.lawsearch.problem import Problem, compute_price
+from stepblocks.lawsearch.law import Law, Parameter, SizedChange, map_names_to_starts
+from stepblocks.lawsearch.problem import Problem, compute_effect_price
 
 # step of finite differences, in units of a parameter's scale: an integrated motion is smooth to
 # some 1e-4 of its value and no better
@@ -35,19 +35,19 @@ class HopelessFitError(Exception):
     """A fit is given up: another one leads by more than it is likely to gain."""
 
 
-def is_hopeless(gain: float, lead: float, share: float = _HOPELESS_SHARE) -> bool:
+def is_hopeless(gain: float, rival_lead: float, gain_share: float = _HOPELESS_SHARE) -> bool:
     """Tell whether a fit is unlikely to make up the lead of another.
 
     Parameters
     ----------
     gain : float
         What the fit gains to first order.
-    lead : float
+    rival_lead : float
         What it would have to gain.
-    share : float
+    gain_share : float
         Share of the lead that the first order must promise.
     """
-    return gain + _SURPRISE < share * lead
+    return gain + _SURPRISE < gain_share * rival_lead
 
 
 class Objective:
@@ -68,9 +68,9 @@ class Objective:
         self.problem = problem
         self.effects = tuple(effects)
         # the cost at which the criteria of this fit and its rival are equal
-        self.rival_cost = rival - compute_price(self.effects, len(problem.trials))
+        self.rival_cost = rival - compute_effect_price(self.effects, len(problem.trials))
         self.steps_taken = 0
-        self.parameters = _list_parameters(problem, effects)
+        self.parameters = _list_model_and_effect_parameters(problem, effects)
         self.names = [p.name for p in self.parameters]
         self.scale = np.array([p.scale for p in self.parameters])
         self.start = np.array([p.start for p in self.parameters]) / self.scale
@@ -79,7 +79,7 @@ class Objective:
         low = np.array([p.low for p in self.parameters]) / self.scale
         high = np.array([p.high for p in self.parameters]) / self.scale
         self.bounds = low, high
-        self._plan_differences()
+        self._plan_finite_differences()
         self._prepare_censored_values()
         self._last_x = np.full(len(self.parameters), np.nan)
         self._last_prediction: Floats | None = None
@@ -89,7 +89,7 @@ class Objective:
         if any(law.steps for law in self.effects):
             self._shares = _SHARES_OF_JUMPS
 
-    def _plan_differences(self) -> None:
+    def _plan_finite_differences(self) -> None:
         """Decide which parameters are moved together to find the Jacobian.
 
         Parameters that each move one specimen only share a difference, one of every specimen at a
@@ -137,7 +137,7 @@ class Objective:
         self.spread = np.zeros(0)
         if not self.floor.size:
             return
-        start = list_starts(self.parameters)
+        start = map_names_to_starts(self.parameters)
         responses = self.problem.model.responses(trials, start)
         known = np.maximum(np.isfinite(trials.std).sum(axis=0), 1)
         measured = np.nansum(trials.std**2, axis=0) / known
@@ -149,7 +149,7 @@ class Objective:
         values = (x * self.scale).tolist()
         return dict(zip(self.names, values, strict=True))
 
-    def _name_constants(self, points: Floats) -> dict[str, Floats]:
+    def _map_names_to_constants(self, points: Floats) -> dict[str, Floats]:
         """Return the values of the model's constants at k points, shape (k, p), by their names."""
         columns = (points * self.scale).T[: self.constants]
         return dict(zip(self.names[: self.constants], columns, strict=True))
@@ -187,7 +187,7 @@ class Objective:
             self._last_slopes_at = x.copy()
             self._last_slopes = self._compute_slopes(x)
         self.steps_taken += 1
-        self._give_up_if_hopeless(self._last_slopes, x)
+        self._raise_if_hopeless(self._last_slopes, x)
         return -self._last_slopes
 
     def _compute_slopes(self, x: Floats) -> Floats:
@@ -198,7 +198,7 @@ class Objective:
             [
                 self.problem.noise.whiten(slopes),
                 np.diag(self.prior)[self.with_prior],
-                self._weigh_censored(base)[:, None] * slopes[self.censored],
+                self._compute_censored_slopes(base)[:, None] * slopes[self.censored],
             ]
         )
 
@@ -212,8 +212,12 @@ class Objective:
         # a law may only take values that hold for all trials: where one is shifted stands alone
         stacked = np.setdiff1d(np.arange(len(shifted)), self.layers_of_laws)
         predicted = np.empty((len(shifted), *base.shape))
-        predicted[stacked], of_laws = predict_ahead(
-            self.problem, self.effects, values, self._name_constants(shifted[stacked]), enlarged
+        predicted[stacked], of_laws = predict_at_points_and_enlarged(
+            self.problem,
+            self.effects,
+            values,
+            self._map_names_to_constants(shifted[stacked]),
+            enlarged,
         )
         for number in self.layers_of_laws:
             predicted[number] = self._compute_prediction(shifted[number])
@@ -227,28 +231,28 @@ class Objective:
         slopes[:, :, self.sized] = np.concatenate(of_sized, axis=2)
         return np.asarray(slopes)
 
-    def _weigh_censored(self, base: Floats) -> Floats:
+    def _compute_censored_slopes(self, base: Floats) -> Floats:
         """Find the slope of each censored value's term in its prediction."""
         above_floor = (base[self.censored] - self.floor) / self.spread
         log_chance = log_ndtr(above_floor)
         density = np.exp(-0.5 * above_floor**2 - log_chance) / np.sqrt(2.0 * np.pi)
         return np.asarray(density / np.sqrt(np.maximum(-2.0 * log_chance, 1e-24)) / self.spread)
 
-    def _give_up_if_hopeless(self, slopes: Floats, x: Floats) -> None:
+    def _raise_if_hopeless(self, slopes: Floats, x: Floats) -> None:
         """Raise `HopelessFitError` where the next step cannot bring the fit near its rival."""
         if not np.isfinite(self.rival_cost):
             return
         residual = self.residual(x)
         # a step over a bound promises what no fit can keep
-        is_free = find_free_directions(x, -slopes.T @ residual, self.bounds)
-        gain = compute_linear_gain(slopes[:, is_free], residual)
+        is_free = mark_free_parameters(x, -slopes.T @ residual, self.bounds)
+        gain = compute_linearised_gain(slopes[:, is_free], residual)
         lead = float(residual @ residual) - self.rival_cost
         share = self._shares[min(self.steps_taken, len(self._shares)) - 1]
         if is_hopeless(gain, lead, share):
             raise HopelessFitError
 
 
-def find_free_directions(
+def mark_free_parameters(
     x: Floats, gradient: Floats, bounds: tuple[Floats, Floats]
 ) -> NDArray[np.bool_]:
     """Mark the parameters that the cost does not press against a bound, shape (p,).
@@ -267,7 +271,7 @@ def find_free_directions(
     return np.asarray(way_down > STEP)
 
 
-def compute_linear_gain(jacobian: Floats, residual: Floats) -> float:
+def compute_linearised_gain(jacobian: Floats, residual: Floats) -> float:
     """Compute by how much a step would lower the cost if the residual were linear.
 
     Shapes are (m, p) and (m,).
@@ -278,7 +282,9 @@ def compute_linear_gain(jacobian: Floats, residual: Floats) -> float:
     return float(np.sum(triangle[: jacobian.shape[1], -1] ** 2))
 
 
-def _list_parameters(problem: Problem, effects: Sequence[Law]) -> tuple[Parameter, ...]:
+def _list_model_and_effect_parameters(
+    problem: Problem, effects: Sequence[Law]
+) -> tuple[Parameter, ...]:
     """List the parameters of the model, then those of the effects as ``law.parameter``."""
     parameters = [*problem.model.parameters(problem.trials)]
     for law in effects:

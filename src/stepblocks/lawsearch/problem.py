@@ -12,13 +12,13 @@ from stepblocks.lawsearch.forward_model import (
     Systematic,
     Trials,
 )
-from stepblocks.lawsearch.law import Active, ActiveAtPoints, Law, Parameter, collect_ids
+from stepblocks.lawsearch.law import Active, ActiveAtPoints, Law, Parameter, collect_law_ids
 from stepblocks.lawsearch.noise import Noise, build_noise
 from stepblocks.lawsearch.scatter import (
     Residual,
     Scatter,
+    combine_least_scatter,
     compute_flexible_residual,
-    compute_least_scatter,
     compute_replicate_residual,
     estimate_scatter,
 )
@@ -69,18 +69,18 @@ class Fit:
     @property
     def effect_ids(self) -> set[str]:
         """Names of the effects."""
-        return collect_ids(self.effects)
+        return collect_law_ids(self.effects)
 
     @property
     def active_effects(self) -> Active:
         """Effects with their fitted values."""
         return pair_with_values(self.effects, self.values)
 
-    def list_effects_beside(self, effect: Law) -> Active:
+    def list_other_active_effects(self, effect: Law) -> Active:
         """List all effects but one, with their fitted values."""
-        return pair_with_values(self.list_laws_beside(effect), self.values)
+        return pair_with_values(self.list_other_effects(effect), self.values)
 
-    def list_laws_beside(self, effect: Law) -> tuple[Law, ...]:
+    def list_other_effects(self, effect: Law) -> tuple[Law, ...]:
         """Return all effects but one."""
         return tuple(law for law in self.effects if law is not effect)
 
@@ -89,7 +89,7 @@ class Fit:
         """Scales of the parameters, shape (p,)."""
         return np.array([p.scale for p in self.parameters])
 
-    def count_freedom(self, leverage_beside: float | Floats = 0.0) -> int:
+    def count_residual_freedom(self, leverage_beside: float | Floats = 0.0) -> int:
         """Count the trials less what the fit took of the channel that gave most, by leverage.
 
         What is known beforehand takes none: heights from scans hardly follow their trials.
@@ -108,10 +108,10 @@ class Fit:
     @property
     def criterion(self) -> float:
         """Cost plus the price of the effects; the least of several fits is preferred."""
-        return self.cost + compute_price(self.effects, len(self.predicted))
+        return self.cost + compute_effect_price(self.effects, len(self.predicted))
 
 
-def compute_price(effects: Sequence[Law], trials: int) -> float:
+def compute_effect_price(effects: Sequence[Law], trial_count: int) -> float:
     """Compute what effects must save in cost: ``p ln n``, less the evidence for them.
 
     ``p`` is the number of their parameters (Schwarz 1978, doi:10.1214/aos/1176344136). The place of
@@ -120,7 +120,7 @@ def compute_price(effects: Sequence[Law], trials: int) -> float:
     Parameters
     ----------
     effects : sequence of Law
-    trials : int
+    trial_count : int
         n.
     """
     count = 0
@@ -128,7 +128,7 @@ def compute_price(effects: Sequence[Law], trials: int) -> float:
     for law in effects:
         count += len(law.parameters) + len(law.steps)
         evidence += law.evidence
-    return float(np.log(trials)) * count - evidence
+    return float(np.log(trial_count)) * count - evidence
 
 
 @dataclass(frozen=True)
@@ -154,7 +154,7 @@ class Problem:
         return self.model.predict(self.trials, values, pair_with_values(effects, values))
 
     def predict_stack(
-        self, count: int, points: Mapping[str, Floats], effects: ActiveAtPoints
+        self, point_count: int, points: Mapping[str, Floats], effects: ActiveAtPoints
     ) -> Floats:
         """Predict all channels at k points, shape (k, n, c).
 
@@ -162,7 +162,7 @@ class Problem:
 
         Parameters
         ----------
-        count : int
+        point_count : int
             k.
         points : Mapping[str, Floats]
             Values of each parameter of the model, shape (k,).
@@ -172,9 +172,9 @@ class Problem:
         if points and isinstance(self.model, StackingModel):
             return self.model.predict_stack(self.trials, points, effects)
         predicted = []
-        for number in range(count):
-            values = _pick_point(points, number)
-            active = [(law, _pick_point(of_law, number)) for law, of_law in effects]
+        for number in range(point_count):
+            values = _pick_values_at_point(points, number)
+            active = [(law, _pick_values_at_point(of_law, number)) for law, of_law in effects]
             predicted.append(self.model.predict(self.trials, values, active))
         return np.stack(predicted)
 
@@ -182,7 +182,7 @@ class Problem:
         """Compute measured less predicted values, shape (n, c); NaN where unseen."""
         return np.where(self.trials.seen, self.trials.values - fitted.predicted, np.nan)
 
-    def reduce_noise(self, fitted: Fit) -> "Problem":
+    def estimate_noise_about_fit(self, fitted: Fit) -> "Problem":
         """Take the scatter about a fitted model where trials show less than without a model."""
         responses = self.model.responses(self.trials, fitted.values, fitted.active_effects)
         systematics = [*self.model.systematics(self.trials), *self.common]
@@ -193,12 +193,15 @@ class Problem:
             return build_noise(self.trials, systematics, responses, scatter)
 
         residual = self.compute_residual(fitted)
-        about_model = build_from(Residual(residual, fitted.count_freedom(0.0)))
+        about_model = build_from(Residual(residual, fitted.count_residual_freedom(0.0)))
         # errors that trials share are no scatter of single trials, but what a model misses may
         # pass for such errors
         shared_leverage = self.noise.basis**2 @ (1.0 - self.noise.shrink**2)
         without_shared = build_from(
-            Residual(self.noise.subtract_shared(residual), fitted.count_freedom(shared_leverage))
+            Residual(
+                self.noise.subtract_shared_errors(residual),
+                fitted.count_residual_freedom(shared_leverage),
+            )
         )
         known = build_noise_without_model(self.model, self.trials, responses, systematics)
         if about_model.precision > known.precision:
@@ -219,11 +222,15 @@ class Problem:
         return replace(self, noise=noise, common=tuple(common))
 
 
-def _pick_point(values: Mapping[str, float | Floats], number: int) -> dict[str, float]:
+def _pick_values_at_point(
+    values: Mapping[str, float | Floats], point_index: int
+) -> dict[str, float]:
     """Return the values at one of k points; those that are one number hold at all of them."""
     at_point = {}
     for name, value in values.items():
-        at_point[name] = float(value[number]) if isinstance(value, np.ndarray) else float(value)
+        at_point[name] = (
+            float(value[point_index]) if isinstance(value, np.ndarray) else float(value)
+        )
     return at_point
 
 
@@ -256,5 +263,5 @@ def build_noise_without_model(
     estimates: list[Scatter] = []
     for residual in residuals:
         estimates.append(estimate_scatter(residual, trials.std, responses))
-    least = compute_least_scatter(estimates, responses)
+    least = combine_least_scatter(estimates, responses)
     return build_noise(trials, systematics, responses, least)

@@ -12,9 +12,9 @@ from stepblocks.lawsearch.law import Law
 from stepblocks.lawsearch.problem import Fit, Problem
 from stepblocks.lawsearch.structure import estimate_errors_in_order
 from stepblocks.lawsearch.walk import (
-    compute_wave,
+    compute_cosine_wave,
     compute_wave_std,
-    find_level_starts_by_count,
+    find_level_starts_by_level_count,
     fit_random_walk,
 )
 
@@ -55,7 +55,7 @@ def fit_without_time_effects(problem: Problem, current: Fit) -> Fit:
     return fit(problem, remaining, current.values)
 
 
-def find_random_walks(problem: Problem, current: Fit) -> set[str]:
+def find_quantities_like_random_walks(problem: Problem, current: Fit) -> set[str]:
     """Find the quantities whose law along the run explains no more than a random walk would.
 
     Their neighbours err together, and no law is claimed.
@@ -76,7 +76,7 @@ def find_random_walks(problem: Problem, current: Fit) -> set[str]:
 
 
 def build_wandering_errors(
-    problem: Problem, fitted: Fit, wanderings: Mapping[str, Floats]
+    problem: Problem, fitted: Fit, wandering_values: Mapping[str, Floats]
 ) -> list[Systematic]:
     """Build the directions of the noise in which quantities wander along the run.
 
@@ -84,7 +84,7 @@ def build_wandering_errors(
     ----------
     problem : Problem
     fitted : Fit
-    wanderings : Mapping[str, Floats]
+    wandering_values : Mapping[str, Floats]
         For each quantity that wanders its errors in the order of the run.
     """
     trials = problem.trials
@@ -94,17 +94,17 @@ def build_wandering_errors(
     place = np.argsort(order, kind="stable")
     quantities = list(problem.model.quantities)
     errors = []
-    for name, values in wanderings.items():
+    for name, values in wandering_values.items():
         response = responses[:, :, quantities.index(name)]
         step = fit_random_walk(values).step
         for wave in range(1, min(_DIRECTIONS, n // 3)):
-            column = compute_wave(place, wave)
+            column = compute_cosine_wave(place, wave)
             std = compute_wave_std(n, wave, step)
             errors.append(Systematic("", response * column[:, None], std))
     return errors
 
 
-def add_jump_places(
+def add_jump_places_to_laws(
     problem: Problem, base: Fit, quantities: Container[str], candidates: Sequence[Law]
 ) -> list[Law]:
     """Let a search look for sudden changes where the errors of quantities split best.
@@ -128,7 +128,7 @@ def add_jump_places(
     for name, errors in estimate_errors_in_order(problem, base).items():
         if name not in quantities:
             continue
-        for first in find_level_starts_by_count(errors.values):
+        for first in find_level_starts_by_level_count(errors.values):
             before, after = order[errors.rows][first - 1], order[errors.rows][first]
             places[name, len(first)] = 0.5 * (before + after)
     extended = []
@@ -142,8 +142,12 @@ def add_jump_places(
     return extended
 
 
-def bound_jump_place(
-    problem: Problem, fitted: Fit, effect: Law, name: str, column: NDArray[np.generic]
+def compute_jump_place_interval(
+    problem: Problem,
+    fitted: Fit,
+    effect: Law,
+    jump_parameter: str,
+    covariate_column: NDArray[np.generic],
 ) -> tuple[float, float]:
     """Find the 95 % interval of the place of a sudden change.
 
@@ -155,9 +159,9 @@ def bound_jump_place(
     problem : Problem
     fitted : Fit
     effect : Law
-    name : str
+    jump_parameter : str
         Parameter of the effect that gives the place.
-    column : array of shape (n,)
+    covariate_column : array of shape (n,)
         What the effect follows.
 
     Returns
@@ -165,8 +169,8 @@ def bound_jump_place(
     low, high : float
         In the unit of the column.
     """
-    parameter = effect.name_in_fit(name)
-    seen = np.unique(np.asarray(column, dtype=np.float64))
+    parameter = effect.name_in_fit(jump_parameter)
+    seen = np.unique(np.asarray(covariate_column, dtype=np.float64))
     is_moving = [p.name != parameter for p in fitted.parameters]
     basis, _ = np.linalg.qr(fitted.jacobian[:, is_moving])
     costs = np.empty(len(seen) - 1)

@@ -76,7 +76,7 @@ class Residual:
     dof: int
 
 
-def build_flexible_columns(
+def build_flexible_basis(
     trials: Trials, columns_per_trial: float = _MOST_COLUMNS, shared: Sequence[Systematic] = ()
 ) -> Floats:
     """Build an orthonormal basis that follows any smooth effect: its residual is scatter alone.
@@ -95,12 +95,12 @@ def build_flexible_columns(
     Floats
         Shape (n, b).
     """
-    first, standardised = _list_levels_and_standardised(trials)
+    first, standardised = _build_level_and_numeric_columns(trials)
     columns = [*first]
     for term in shared:
         if term.column.ndim == 1:
             columns.append(term.column)
-    columns += _list_polynomials(standardised)
+    columns += _build_polynomial_columns(standardised)
     unit_columns = []
     for column in columns:
         length = max(float(np.linalg.norm(column)), 1e-300)
@@ -113,7 +113,7 @@ def build_flexible_columns(
     return np.asarray(np.linalg.qr(scaled[:, independent[:column_limit]])[0])
 
 
-def _list_levels_and_standardised(trials: Trials) -> tuple[list[Floats], list[Floats]]:
+def _build_level_and_numeric_columns(trials: Trials) -> tuple[list[Floats], list[Floats]]:
     """List columns of levels (constant, specimens, labels), and numeric covariates standardised."""
     n = len(trials)
     levels: list[Floats] = [np.ones(n)]
@@ -129,11 +129,11 @@ def _list_levels_and_standardised(trials: Trials) -> tuple[list[Floats], list[Fl
             continue
         varies = float(np.std(numbers)) > 0.0
         if varies and np.all(np.isfinite(numbers)):
-            standardised.append(_standardise(numbers))
+            standardised.append(_standardise_numbers(numbers))
     return levels, standardised
 
 
-def _standardise(numbers: Floats) -> Floats:
+def _standardise_numbers(numbers: Floats) -> Floats:
     """Scale numbers, or their logarithms over a wide range, to mean 0 and deviation 1."""
     scaled = numbers
     if numbers.min() > 0.0 and numbers.max() > _LOG_RANGE * numbers.min():
@@ -141,19 +141,19 @@ def _standardise(numbers: Floats) -> Floats:
     return np.asarray((scaled - scaled.mean()) / np.std(scaled))
 
 
-def _list_polynomials(standardised: Sequence[Floats]) -> list[Floats]:
+def _build_polynomial_columns(standardised_columns: Sequence[Floats]) -> list[Floats]:
     """List powers and products of covariates, from the plainest to the most flexible."""
-    columns = [*standardised]
-    for column in standardised:
+    columns = [*standardised_columns]
+    for column in standardised_columns:
         columns.append(column**2)
-    for i, column in enumerate(standardised):
-        for later in standardised[i + 1 :]:
+    for i, column in enumerate(standardised_columns):
+        for later in standardised_columns[i + 1 :]:
             columns.append(column * later)
     for power in (3, 4):
-        for column in standardised:
+        for column in standardised_columns:
             columns.append(column**power)
-    for squared in standardised[:_INTERACTING]:
-        for factor in standardised:
+    for squared in standardised_columns[:_INTERACTING]:
+        for factor in standardised_columns:
             if squared is not factor:
                 columns.append(squared**2 * factor)
     return columns
@@ -164,7 +164,7 @@ def compute_flexible_residual(trials: Trials, shared: Sequence[Systematic] = ())
 
     Channels with too few values for the regression stay NaN.
     """
-    basis = build_flexible_columns(trials, shared=shared)
+    basis = build_flexible_basis(trials, shared=shared)
     residual = np.full(trials.values.shape, np.nan)
     for j in range(trials.values.shape[1]):
         rows = trials.seen[:, j]
@@ -176,13 +176,15 @@ def compute_flexible_residual(trials: Trials, shared: Sequence[Systematic] = ())
     return Residual(residual, max(1, len(trials) - basis.shape[1]))
 
 
-def compute_replicate_residual(trials: Trials, cells: Sequence[object]) -> Residual | None:
+def compute_replicate_residual(
+    trials: Trials, replicate_labels: Sequence[object]
+) -> Residual | None:
     """Compute the residual of every channel about the mean of its cell of replicates.
 
     Parameters
     ----------
     trials : Trials
-    cells : sequence
+    replicate_labels : sequence
         Label of each trial; trials of equal labels are replicates.
 
     Returns
@@ -191,7 +193,7 @@ def compute_replicate_residual(trials: Trials, cells: Sequence[object]) -> Resid
         None where there are too few replicates to know a scatter.
     """
     seen = pd.DataFrame(np.where(trials.seen, trials.values, np.nan))
-    groups = seen.groupby(list(map(str, cells)))
+    groups = seen.groupby(list(map(str, replicate_labels)))
     dof = len(trials) - groups.ngroups
     if dof < _LEAST_REPLICATE_FREEDOM:
         return None
@@ -203,7 +205,7 @@ def compute_replicate_residual(trials: Trials, cells: Sequence[object]) -> Resid
     return Residual(residual.to_numpy(), dof)
 
 
-def find_outliers(trials: Trials, threshold: float = _OUTLIER_DEVIATIONS) -> NDArray[np.bool_]:
+def mark_outliers(trials: Trials, threshold: float = _OUTLIER_DEVIATIONS) -> NDArray[np.bool_]:
     """Mark single values that lie far from any smooth function of the conditions.
 
     Marked values take no part in the next regression, until no more values are marked.
@@ -220,18 +222,18 @@ def find_outliers(trials: Trials, threshold: float = _OUTLIER_DEVIATIONS) -> NDA
         Shape (n, c).
     """
     outlying = np.zeros_like(trials.seen)
-    basis = build_flexible_columns(trials, _OUTLIER_COLUMNS)
+    basis = build_flexible_basis(trials, _OUTLIER_COLUMNS)
     for j in range(outlying.shape[1]):
         seen = np.flatnonzero(trials.seen[:, j])
         if len(seen) <= basis.shape[1] + _OUTLIER_SPARE:
             continue
         for _ in range(_OUTLIER_ROUNDS):
-            marked = _mark_outliers(
+            marked = _mark_channel_outliers(
                 basis,
                 seen,
                 trials.values[:, j],
                 trials.std[:, j],
-                known=outlying[:, j],
+                known_outliers=outlying[:, j],
                 threshold=threshold,
             )
             too_many = marked.sum() > _MOST_OUTLIERS * len(seen)
@@ -241,27 +243,27 @@ def find_outliers(trials: Trials, threshold: float = _OUTLIER_DEVIATIONS) -> NDA
     return outlying
 
 
-def _mark_outliers(
+def _mark_channel_outliers(
     basis: Floats,
-    seen: NDArray[np.intp],
+    seen_rows: NDArray[np.intp],
     values: Floats,
     std: Floats,
     *,
-    known: NDArray[np.bool_],
+    known_outliers: NDArray[np.bool_],
     threshold: float,
 ) -> NDArray[np.bool_]:
-    """Mark the outliers of one channel about a regression without the `known` ones.
+    """Mark the outliers of one channel about a regression without the `known_outliers`.
 
-    `values`, `std` and `known` have the shape (n,); the result has one entry for each row in
-    `seen`.
+    `values`, `std` and `known_outliers` have the shape (n,); the result has one entry for each
+    row in `seen_rows`.
     """
-    used = seen[~known[seen]]
+    used = seen_rows[~known_outliers[seen_rows]]
     weights = np.linalg.lstsq(basis[used], values[used], rcond=None)[0]
-    residual = values[seen] - basis[seen] @ weights
-    typical = np.median(np.abs(residual[~known[seen]]))
+    residual = values[seen_rows] - basis[seen_rows] @ weights
+    typical = np.median(np.abs(residual[~known_outliers[seen_rows]]))
     # the regression has bent towards the values that it used
     bent = np.sqrt(len(used) / max(len(used) - basis.shape[1], 1))
-    noise = np.hypot(_MAD_TO_STD * (typical * bent), std[seen])
+    noise = np.hypot(_MAD_TO_STD * (typical * bent), std[seen_rows])
     return np.asarray(np.abs(residual) > threshold * np.maximum(noise, 1e-300))
 
 
@@ -305,42 +307,45 @@ def estimate_scatter(residual: Residual, std: Floats, responses: Floats) -> Scat
 
 
 def _make_likelihood_cost(
-    scaled: Floats, measured: Floats, shown: Floats, seen: NDArray[np.bool_]
+    scaled_residual: Floats,
+    measured_variance: Floats,
+    scaled_responses: Floats,
+    seen: NDArray[np.bool_],
 ) -> Callable[[Floats], tuple[float, Floats]]:
     """Make the function that computes -2 log likelihood, and its gradient, of log variances.
 
     Parameters
     ----------
-    scaled : Floats
+    scaled_residual : Floats
         Shape (n, c), residuals.
-    measured : Floats
+    measured_variance : Floats
         Shape (n, c), variances of the measurements.
-    shown : Floats
+    scaled_responses : Floats
         Shape (n, c, k), responses.
     seen : array of bool
         Shape (n, c), which values exist.
     """
-    n, c = scaled.shape
-    count = shown.shape[2]
+    n, c = scaled_residual.shape
+    count = scaled_responses.shape[2]
 
     def compute_cost(log_variance: Floats) -> tuple[float, Floats]:
         """Compute cost and gradient, shape (k + c,), at the logarithms of all variances."""
         variance = np.exp(log_variance)
-        diagonal = measured + np.where(seen, variance[count:], 0.0)
+        diagonal = measured_variance + np.where(seen, variance[count:], 0.0)
         # the covariance is diagonal but for the few quantities, so that only the small matrices of
         # the quantities are inverted (Woodbury 1950)
-        weighed = shown / diagonal[:, :, None]
-        together = shown.transpose(0, 2, 1) @ weighed
+        weighed = scaled_responses / diagonal[:, :, None]
+        together = scaled_responses.transpose(0, 2, 1) @ weighed
         inner = np.linalg.inv(together + np.diag(1.0 / variance[:count]))
         turned = weighed @ inner
-        pulled = np.sum(weighed * scaled[:, :, None], axis=1)
-        solved = scaled / diagonal - np.sum(turned * pulled[:, None], axis=2)
+        pulled = np.sum(weighed * scaled_residual[:, :, None], axis=1)
+        solved = scaled_residual / diagonal - np.sum(turned * pulled[:, None], axis=2)
         cost = np.sum(np.log(diagonal)) + n * np.sum(log_variance[:count])
-        cost = cost + np.sum(solved * scaled)
+        cost = cost + np.sum(solved * scaled_residual)
         cost -= np.sum(np.linalg.slogdet(inner)[1])
         gradient = np.empty(count + c)
-        by_determinant = np.sum(shown * (weighed - turned @ together), axis=(0, 1))
-        by_residual = np.sum(np.sum(shown * solved[:, :, None], axis=1) ** 2, axis=0)
+        by_determinant = np.sum(scaled_responses * (weighed - turned @ together), axis=(0, 1))
+        by_residual = np.sum(np.sum(scaled_responses * solved[:, :, None], axis=1) ** 2, axis=0)
         gradient[:count] = by_determinant - by_residual
         per_channel = 1.0 / diagonal - np.sum(turned * weighed, axis=2) - solved**2
         gradient[count:] = np.where(seen, per_channel, 0.0).sum(axis=0)
@@ -349,7 +354,7 @@ def _make_likelihood_cost(
     return compute_cost
 
 
-def compute_least_scatter(scatters: Sequence[Scatter], responses: Floats) -> Scatter:
+def combine_least_scatter(scatters: Sequence[Scatter], responses: Floats) -> Scatter:
     """Return the least of several estimates: of every quantity, and of every channel as a whole.
 
     Parameters

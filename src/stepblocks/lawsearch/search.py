@@ -10,19 +10,19 @@ from stepblocks.lawsearch.gate import score_candidates
 from stepblocks.lawsearch.law import Law
 from stepblocks.lawsearch.problem import Fit, Problem
 from stepblocks.lawsearch.run_order import (
-    add_jump_places,
+    add_jump_places_to_laws,
     build_wandering_errors,
-    find_random_walks,
+    find_quantities_like_random_walks,
     fit_without_time_effects,
     follows_run_order,
 )
 from stepblocks.lawsearch.structure import (
     Hint,
     estimate_errors_in_order,
-    find_hints,
+    find_structure_hints,
     list_wandering_quantities,
-    make_neighbour_hint,
     make_wandering_hint,
+    test_neighbour_correlation,
 )
 
 _LEAST_EXCHANGE_GAIN = 4.0  # of the criterion, below which an exchange is not made
@@ -75,23 +75,23 @@ def search_effects_and_structure(
     """
     found = search_effects(problem, candidates, rules, deployed, announce)
     structure = find_residual_structure(found)
-    jumping = _list_jumping_quantities(found)
+    jumping = _list_suddenly_changing_quantities(found)
     if structure.wandering or jumping:
         # sudden changes are looked for again where the errors split best
         base = fit_without_time_effects(found.problem, found.extended)
         changing = structure.wandering | jumping
-        candidates = add_jump_places(found.problem, base, changing, candidates)
+        candidates = add_jump_places_to_laws(found.problem, base, changing, candidates)
         found = search_effects(problem, candidates, rules, deployed, announce)
         structure = find_residual_structure(found)
     if not structure.wandering:
         return replace(found, hints=structure.hints)
-    noisy = _add_wandering_noise(problem, found, structure)
+    noisy = _add_wandering_to_noise(problem, found, structure)
     found = search_effects(noisy, candidates, rules, deployed, announce)
     found = _add_changes_along_run(found, problem, structure.wandering, candidates)
     return replace(found, hints=structure.hints)
 
 
-def _list_jumping_quantities(found: SearchResult) -> set[str]:
+def _list_suddenly_changing_quantities(found: SearchResult) -> set[str]:
     """List the quantities that a found effect changes suddenly."""
     quantities = set()
     for law in found.extended.effects:
@@ -102,17 +102,17 @@ def _list_jumping_quantities(found: SearchResult) -> set[str]:
 
 def find_residual_structure(found: SearchResult) -> ResidualStructure:
     """Find structure in the residuals of a search that no column explains."""
-    explained_by_walk = find_random_walks(found.problem, found.extended)
-    hints = find_hints(found.problem, found.extended)
+    explained_by_walk = find_quantities_like_random_walks(found.problem, found.extended)
+    hints = find_structure_hints(found.problem, found.extended)
     hinted = {hint.quantity for hint in hints}
     for quantity in sorted(explained_by_walk - hinted):
-        if _errs_with_neighbours(found, quantity):
+        if _do_neighbouring_errors_correlate(found, quantity):
             hints = (*hints, make_wandering_hint(quantity))
     wandering = explained_by_walk | list_wandering_quantities(hints)
     return ResidualStructure(hints, explained_by_walk, wandering)
 
 
-def _errs_with_neighbours(found: SearchResult, quantity: str) -> bool:
+def _do_neighbouring_errors_correlate(found: SearchResult, quantity: str) -> bool:
     """Tell whether neighbours err together in a quantity, without the laws that follow time.
 
     That a walk explains as much as a law does not make it wander: trials that are independent
@@ -120,10 +120,10 @@ def _errs_with_neighbours(found: SearchResult, quantity: str) -> bool:
     """
     base = fit_without_time_effects(found.problem, found.extended)
     errors = estimate_errors_in_order(found.problem, base)[quantity]
-    return make_neighbour_hint(quantity, errors.values).p_value < _WANDERING_LEVEL
+    return test_neighbour_correlation(quantity, errors.values).p_value < _WANDERING_LEVEL
 
 
-def _add_wandering_noise(
+def _add_wandering_to_noise(
     problem: Problem, found: SearchResult, structure: ResidualStructure
 ) -> Problem:
     """Take the wandering of quantities into the noise of the problem."""
@@ -168,7 +168,7 @@ def _add_changes_along_run(
             if law.steps or not law.named:
                 flexible.append(law)
         opened = score_candidates(problem, current, flexible, draws=0)
-        choice = choose_candidate(problem, current, opened, most=_EXCHANGE_FITS)
+        choice = choose_candidate(problem, current, opened, fit_limit=_EXCHANGE_FITS)
         if choice is None or not current.effect_ids.isdisjoint(along_run):
             continue
         extended = fit(found.problem, (*current.effects, choice.effect), choice.lead.values)
@@ -189,11 +189,11 @@ def search_effects(
     error = deployed(current) if deployed else 0.0
     for step in range(rules.most + 1):
         if announce:
-            announce(_describe_step(candidates, current))
+            announce(_describe_search_step(candidates, current))
         opened = score_candidates(
             problem,
             current,
-            _list_untried(candidates, current),
+            _list_untried_candidates(candidates, current),
             rules.draws,
             rules.seed + step,
             rules.alpha,
@@ -206,13 +206,13 @@ def search_effects(
         grown = add_or_replace_effect(problem, current, choice.lead, candidates)
         if grown is None:
             break
-        grown = _exchange_effects(problem, grown, candidates, choice.effect)
+        grown = _exchange_or_drop_effects(problem, grown, candidates, choice.effect)
         if deployed:
             error_after = deployed(grown)
             if not error_after < error:
                 break
             error = error_after
-        problem = problem.reduce_noise(grown)
+        problem = problem.estimate_noise_about_fit(grown)
         current = fit(problem, grown.effects, grown.values)
         gates = {law.id: gates.get(law.id, opened.p_value) for law in current.effects}
     return SearchResult(
@@ -224,14 +224,14 @@ def search_effects(
     )
 
 
-def _describe_step(candidates: Sequence[Law], current: Fit) -> str:
+def _describe_search_step(candidates: Sequence[Law], current: Fit) -> str:
     """Say what a step of the search tries, and beside which effects."""
     present = [f"{law.slot} over {law.covariate}" for law in current.effects]
     beside = ", ".join(present) or "the nominal model"
     return f"tries {len(candidates)} effects beside {beside}"
 
 
-def _list_untried(candidates: Sequence[Law], current: Fit) -> list[Law]:
+def _list_untried_candidates(candidates: Sequence[Law], current: Fit) -> list[Law]:
     """List the candidates that are no effect of a fit."""
     present = current.effect_ids
     untried = []
@@ -273,7 +273,7 @@ def add_or_replace_effect(
     # the law that stands there is too stiff
     base = fit(problem, elsewhere, current.values)
     better = []
-    for law in _list_untried(candidates, current):
+    for law in _list_untried_candidates(candidates, current):
         if law.named or law.place != added.place:
             continue
         fitted = fit(problem, [*elsewhere, law], base.values)
@@ -286,7 +286,9 @@ def add_or_replace_effect(
     return chosen
 
 
-def _exchange_effects(problem: Problem, grown: Fit, candidates: Sequence[Law], added: Law) -> Fit:
+def _exchange_or_drop_effects(
+    problem: Problem, grown: Fit, candidates: Sequence[Law], added: Law
+) -> Fit:
     """Exchange or drop up to two effects of a fit to which one was just added."""
     for just_added in (added, None):
         better = exchange_or_drop_effect(problem, grown, candidates, just_added)
@@ -322,7 +324,9 @@ def exchange_or_drop_effect(
             return base
         if effect is just_added:
             continue
-        choice = choose_in_place_of(effect, problem, current, base, candidates, most=_EXCHANGE_FITS)
+        choice = choose_replacement_candidate(
+            effect, problem, current, base, candidates, fit_limit=_EXCHANGE_FITS
+        )
         if choice is None or choice.effect.id == effect.id:
             continue
         if choice.lead.criterion < current.criterion - _LEAST_EXCHANGE_GAIN:
@@ -330,8 +334,13 @@ def exchange_or_drop_effect(
     return None
 
 
-def choose_in_place_of(
-    effect: Law, problem: Problem, current: Fit, base: Fit, candidates: Sequence[Law], most: int
+def choose_replacement_candidate(
+    effect: Law,
+    problem: Problem,
+    current: Fit,
+    base: Fit,
+    candidates: Sequence[Law],
+    fit_limit: int,
 ) -> Choice | None:
     """Choose what fits best beside the other effects, the effect itself among what is tried.
 
@@ -344,9 +353,9 @@ def choose_in_place_of(
     base : Fit
         Fit without it.
     candidates : sequence of Law
-    most : int
+    fit_limit : int
         Laws, and as many smooths, that are fitted.
     """
-    opened = score_candidates(problem, base, _list_untried(candidates, current), draws=0)
+    opened = score_candidates(problem, base, _list_untried_candidates(candidates, current), draws=0)
     effect_last = replace(current, effects=(*base.effects, effect))
-    return choose_candidate(problem, base, opened, most, known=(effect_last,))
+    return choose_candidate(problem, base, opened, fit_limit, known_fits=(effect_last,))

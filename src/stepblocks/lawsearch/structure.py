@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from stepblocks.lawsearch.forward_model import Floats
-from stepblocks.lawsearch.law import correct_by_holm
+from stepblocks.lawsearch.law import correct_p_values_by_holm
 from stepblocks.lawsearch.problem import Fit, Problem
 from stepblocks.lawsearch.walk import fit_random_walk
 
@@ -97,7 +97,7 @@ def estimate_quantity_errors(problem: Problem, fitted: Fit) -> tuple[Floats, Flo
     variance = np.where(seen, trials.std, 1.0) ** 2 + scatter.channels
     weight = np.where(seen, 1.0 / variance, 0.0)
     # errors that trials share would make two groups of trials at discrete settings
-    residual = np.nan_to_num(problem.noise.subtract_shared(problem.compute_residual(fitted)))
+    residual = np.nan_to_num(problem.noise.subtract_shared_errors(problem.compute_residual(fitted)))
     filled = np.where(seen[:, :, None], responses, 0.0)
     # a quantity that no channel of a trial shows stays near zero
     prior = 1.0 / np.maximum(_PRIOR_WIDTH * scatter.quantities, 1e-10)
@@ -121,26 +121,26 @@ def estimate_errors_in_order(problem: Problem, fitted: Fit) -> dict[str, Ordered
     return ordered
 
 
-def find_hints(problem: Problem, fitted: Fit) -> tuple[Hint, ...]:
+def find_structure_hints(problem: Problem, fitted: Fit) -> tuple[Hint, ...]:
     """Look for causes that no column of the table describes."""
     found: list[Hint] = []
     tests: list[Hint] = []
     for name, errors in estimate_errors_in_order(problem, fitted).items():
         if len(errors.rows) < _FEWEST or np.ptp(errors.values) < _NO_SPREAD:
             continue
-        groups = find_group_hint(name, errors)
+        groups = find_two_group_hint(name, errors)
         if groups is not None:
             found.append(groups)
-        tests.append(make_neighbour_hint(name, errors.values))
+        tests.append(test_neighbour_correlation(name, errors.values))
     if tests:
-        corrected = correct_by_holm([test.p_value for test in tests])
+        corrected = correct_p_values_by_holm([test.p_value for test in tests])
         for test, p_value in zip(tests, corrected.tolist(), strict=True):
             if p_value < LEVEL:
                 found.append(replace(test, p_value=p_value))
-    return _select_plainest(found)
+    return _drop_groups_of_wandering_quantities(found)
 
 
-def _select_plainest(found: Sequence[Hint]) -> tuple[Hint, ...]:
+def _drop_groups_of_wandering_quantities(found: Sequence[Hint]) -> tuple[Hint, ...]:
     """Drop the groups of quantities that wander, since a walk shows groups, too."""
     wandering = list_wandering_quantities(found)
     kept = []
@@ -160,12 +160,12 @@ def list_wandering_quantities(hints: Sequence[Hint]) -> set[str]:
     return quantities
 
 
-def find_group_hint(name: str, errors: OrderedErrors) -> Hint | None:
+def find_two_group_hint(quantity: str, errors: OrderedErrors) -> Hint | None:
     """Find two groups of trials that differ in a quantity.
 
     Parameters
     ----------
-    name : str
+    quantity : str
         Of the quantity.
     errors : OrderedErrors
 
@@ -195,19 +195,19 @@ def find_group_hint(name: str, errors: OrderedErrors) -> Hint | None:
     apart = values[~in_low].mean() - values[in_low].mean()
     chance = float(np.exp(-0.5 * min(gain, _MOST_LOG_ODDS)))
     sentence = (
-        f"{name} falls into two groups of {len(low)} and {len(high)} trials, {apart:.3g} apart"
+        f"{quantity} falls into two groups of {len(low)} and {len(high)} trials, {apart:.3g} apart"
     )
-    return Hint(HintKind.GROUPS, name, chance, sentence, (low, high))
+    return Hint(HintKind.GROUPS, quantity, chance, sentence, (low, high))
 
 
-def make_neighbour_hint(name: str, values: Floats) -> Hint:
+def test_neighbour_correlation(quantity: str, errors_in_order: Floats) -> Hint:
     """Test whether trials that follow one another err together.
 
     Parameters
     ----------
-    name : str
+    quantity : str
         Of the quantity.
-    values : Floats
+    errors_in_order : Floats
         Shape (m,), its errors in the order of the run.
 
     Returns
@@ -217,14 +217,14 @@ def make_neighbour_hint(name: str, values: Floats) -> Hint:
     """
     from statsmodels.stats.diagnostic import acorr_ljungbox
 
-    walk = fit_random_walk(values)
-    lags = min(_LAGS, len(values) // 8)
-    portmanteau_p = float(acorr_ljungbox(values, lags=[lags])["lb_pvalue"].iloc[0])
+    walk = fit_random_walk(errors_in_order)
+    lags = min(_LAGS, len(errors_in_order) // 8)
+    portmanteau_p = float(acorr_ljungbox(errors_in_order, lags=[lags])["lb_pvalue"].iloc[0])
     walk_p = 0.5 * float(stats.chi2.sf(walk.gain, 1))
-    return make_wandering_hint(name, min(1.0, 2.0 * min(portmanteau_p, walk_p)))
+    return make_wandering_hint(quantity, min(1.0, 2.0 * min(portmanteau_p, walk_p)))
 
 
-def make_wandering_hint(name: str, p_value: float = 0.0) -> Hint:
+def make_wandering_hint(quantity: str, p_value: float = 0.0) -> Hint:
     """Make the hint that a quantity wanders along the run."""
-    sentence = f"{name} wanders: trials that follow one another err together"
-    return Hint(HintKind.NEIGHBOURS, name, p_value, sentence)
+    sentence = f"{quantity} wanders: trials that follow one another err together"
+    return Hint(HintKind.NEIGHBOURS, quantity, p_value, sentence)

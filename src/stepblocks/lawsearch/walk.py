@@ -52,29 +52,29 @@ def fit_random_walk(values: Floats) -> RandomWalk:
     )
 
 
-def compute_wave(place: NDArray[np.intp], wave: int) -> Floats:
+def compute_cosine_wave(run_positions: NDArray[np.intp], wave_number: int) -> Floats:
     """Compute a cosine along a run, of unit length: one of the directions in which walks vary.
 
     Parameters
     ----------
-    place : array of int
+    run_positions : array of int
         Shape (n,), place of each trial in the run, from 0.
-    wave : int
+    wave_number : int
         Half periods over the run.
     """
-    n = len(place)
-    return np.asarray(np.sqrt(2.0 / n) * np.cos(np.pi * wave * (place + 0.5) / n))
+    n = len(run_positions)
+    return np.asarray(np.sqrt(2.0 / n) * np.cos(np.pi * wave_number * (run_positions + 0.5) / n))
 
 
-def compute_wave_std(n: int, wave: int, step: float) -> float:
-    """Compute the standard deviation of a walk of `n` trials along a wave.
+def compute_wave_std(trial_count: int, wave_number: int, walk_step: float) -> float:
+    """Compute the standard deviation of a walk along a wave.
 
-    `step` is the standard deviation of the walk's step from trial to trial.
+    `walk_step` is the standard deviation of the walk's step from trial to trial.
     """
-    return float(step / (2.0 * np.sin(0.5 * np.pi * wave / n)))
+    return float(walk_step / (2.0 * np.sin(0.5 * np.pi * wave_number / trial_count)))
 
 
-def find_level_starts_by_count(values: Floats) -> list[NDArray[np.intp]]:
+def find_level_starts_by_level_count(values: Floats) -> list[NDArray[np.intp]]:
     """Split values in order into two levels, three, and so on, by least squares.
 
     Returns

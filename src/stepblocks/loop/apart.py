@@ -54,25 +54,25 @@ class TrialError:
     friction: float
 
 
-def describe_trial(explanation: Explanation, measured: Floats, row: int) -> str:
+def describe_trial_fault(explanation: Explanation, measured_channels: Floats, row: int) -> str:
     """Say what one trial looks like.
 
     Parameters
     ----------
     explanation : Explanation
         With the fit beside which the trial errs.
-    measured : array of shape (n, 7)
+    measured_channels : array of shape (n, 7)
         Channels as measured, those of trials held apart included.
     row : int
         Of the trial.
     """
-    difference = measured[row] - explanation.extended.predicted[row]
+    difference = measured_channels[row] - explanation.extended.predicted[row]
     error = TrialError(
         energy=float(difference[ENERGY]),
         force=float(difference[PEAK_FORCE]),
         friction=float(difference[FRICTION]),
     )
-    twin = _find_block_with_same_forces(explanation, measured, row)
+    twin = _find_block_with_same_forces(explanation, measured_channels, row)
     energy_follows_force = abs(error.energy - 2.0 * error.force) < _ENERGY_TOLERANCE * abs(
         error.energy
     )
@@ -92,11 +92,11 @@ def describe_trial(explanation: Explanation, measured: Floats, row: int) -> str:
 
 
 def _find_block_with_same_forces(
-    explanation: Explanation, measured: Floats, row: int
+    explanation: Explanation, measured_channels: Floats, row: int
 ) -> str | None:
     """Find another block that is predicted to show what a trial showed, at its load and speed."""
     trials = explanation.problem.trials
-    distance = np.abs(explanation.extended.predicted[:, JUDGED] - measured[row, JUDGED])
+    distance = np.abs(explanation.extended.predicted[:, JUDGED] - measured_channels[row, JUDGED])
     same_forces = (distance < (_ENERGY_SCATTER, _SCATTER)).all(axis=1)
     alike = same_forces & (trials.block != trials.block[row])
     for name in ("load_n", "speed_mm_s"):

@@ -22,7 +22,7 @@ from stepblocks.rig.effects.grammar.compose import list_composed_laws
 from stepblocks.rig.effects.grammar.covariates import CovariateRange
 from stepblocks.rig.effects.named import list_named_laws
 from stepblocks.rig.forward import PEAK_FORCE, SPEED_OVER_LOAD, TOGETHER, BenchDesign
-from stepblocks.rig.state import CHANNELS, DragState, compute_channels
+from stepblocks.rig.state import CHANNELS, DragState, compute_shown_channels
 
 # errors common to many trials that the evaluation of traces may leave in each channel, as one
 # standard deviation per unit of covariate. Records of known truth show a tenth of most
@@ -78,16 +78,18 @@ def _build_cached_design(
 
 
 @lru_cache(maxsize=8)
-def _repeat_table(trials: Trials, count: int) -> Trials:
+def _repeat_trials(trials: Trials, count: int) -> Trials:
     """Repeat a table several times, one after the other."""
     return trials.take(np.tile(np.arange(len(trials)), count))
 
 
-def _repeat_values(values: Mapping[str, float | Floats], count: int) -> dict[str, float | Floats]:
-    """Give each of `count` trials at every point the values of that point."""
+def _repeat_values_per_trial(
+    values: Mapping[str, float | Floats], trial_count: int
+) -> dict[str, float | Floats]:
+    """Give each trial at every point the values of that point."""
     repeated: dict[str, float | Floats] = {}
     for name, value in values.items():
-        repeated[name] = np.repeat(value, count) if isinstance(value, np.ndarray) else value
+        repeated[name] = np.repeat(value, trial_count) if isinstance(value, np.ndarray) else value
     return repeated
 
 
@@ -154,7 +156,7 @@ class SessionModel:
     def parameters(self, trials: Trials) -> tuple[Parameter, ...]:
         """Constants of the nominal model and the height errors of the blocks of a table."""
         design = _build_cached_design(trials, self.tool.stiffness, self.laws)
-        nominal = forward.list_constants(design, self.tool, self.height_std, self.scanned)
+        nominal = forward.list_fitted_constants(design, self.tool, self.height_std, self.scanned)
         constants = list(map(self._apply_certified_spring, nominal))
         constants += self._list_bench_constants()
         if not self.own:
@@ -165,7 +167,7 @@ class SessionModel:
                 common.append(p)
                 continue
             for session in self.own:
-                of_a_day.append(replace(p, name=name_in_session(p.name, session)))
+                of_a_day.append(replace(p, name=format_session_constant_name(p.name, session)))
         return (*of_a_day, *common)
 
     def _apply_certified_spring(self, parameter: Parameter) -> Parameter:
@@ -196,11 +198,11 @@ class SessionModel:
         A constant, and along height, load, speed, a square and products of them.
         """
         design = _build_cached_design(trials, self.tool.stiffness, self.laws)
-        height = _standardise(np.log(design.height))
-        load = _standardise(np.log(design.load))
-        speed = _standardise(np.log(design.speed))
+        height = _standardise_values(np.log(design.height))
+        load = _standardise_values(np.log(design.load))
+        speed = _standardise_values(np.log(design.speed))
         columns = (height, load, speed, height**2, height * load, load * speed, height * speed)
-        ramp = _smooth_ramp(trials)
+        ramp = _smooth_ramp_readings(trials)
         errors = []
         for channel in CHANNELS:
             if channel not in trials.channels:
@@ -223,15 +225,15 @@ class SessionModel:
         constants: dict[str, float | Floats] = {**self.known_gauge_constants}
         if self.own:
             sessions = trials.covariates["session"].tolist()
-            values = {**values, **_spread_daily_values(values, sessions)}
-            constants = self._spread_constants(constants, sessions)
+            values = {**values, **_expand_daily_values_to_trials(values, sessions)}
+            constants = self._expand_constants_to_trials(constants, sessions)
         design = _build_cached_design(trials, self.tool.stiffness, self.laws)
         state = forward.build_extended_state(design, values, effects)
         if not constants:
             return state
         return apply_instrument_constants(state, None, constants)
 
-    def _spread_constants(
+    def _expand_constants_to_trials(
         self, constants: Mapping[str, float | Floats], sessions: Sequence[str]
     ) -> dict[str, float | Floats]:
         """Give each trial the constants of its session, and defaults where its session has none."""
@@ -244,7 +246,7 @@ class SessionModel:
     def candidates(self, trials: Trials) -> tuple[Law, ...]:
         """Return every effect that may be asked of a table, but for those that scans rule out."""
         radius = self.scanned_radius[0] if self.scanned_radius else None
-        laws = list_candidates(trials, list_covariate_ranges(trials), scanned_radius=radius)
+        laws = list_candidate_laws(trials, list_covariate_ranges(trials), scanned_radius=radius)
         return tuple(map(self._limit_by_calibration, laws))
 
     def _limit_by_calibration(self, law: Law) -> Law:
@@ -264,7 +266,7 @@ class SessionModel:
 
     def predict(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> Floats:
         """Predict all channels, shape (n, 7)."""
-        return compute_channels(self.compute_state(trials, values, effects))
+        return compute_shown_channels(self.compute_state(trials, values, effects))
 
     def predict_stack(
         self, trials: Trials, points: Mapping[str, Floats], effects: ActiveAtPoints = ()
@@ -274,10 +276,10 @@ class SessionModel:
         The points are trials of one long table, since a trial shows its own state alone.
         """
         count = len(next(iter(points.values())))
-        stacked = _repeat_table(trials, count)
-        values = _repeat_values(points, len(trials))
-        active = [(law, _repeat_values(of_law, len(trials))) for law, of_law in effects]
-        predicted = compute_channels(self.compute_state(stacked, values, active))
+        stacked = _repeat_trials(trials, count)
+        values = _repeat_values_per_trial(points, len(trials))
+        active = [(law, _repeat_values_per_trial(of_law, len(trials))) for law, of_law in effects]
+        predicted = compute_shown_channels(self.compute_state(stacked, values, active))
         return predicted.reshape(count, len(trials), -1)
 
     def responses(
@@ -287,7 +289,7 @@ class SessionModel:
         return forward.compute_channel_responses(self.compute_state(trials, values, effects))
 
 
-def _smooth_ramp(trials: Trials) -> Floats:
+def _smooth_ramp_readings(trials: Trials) -> Floats:
     """Smooth the readings of the ramp over the peak force, shape (n,); 1 where there is none.
 
     A spring that hardens and a gauge that is not linear change the ramp with the force that it
@@ -313,12 +315,12 @@ def _smooth_ramp(trials: Trials) -> Floats:
     return smooth
 
 
-def name_in_session(constant: str, session: str) -> str:
+def format_session_constant_name(constant: str, session: str) -> str:
     """Return what a constant of one session among several is called."""
     return f"{constant}[{session}]"
 
 
-def _spread_daily_values(
+def _expand_daily_values_to_trials(
     values: Mapping[str, float | Floats], sessions: Sequence[str]
 ) -> dict[str, float | Floats]:
     """Give each trial the constants of the day of its session."""
@@ -328,19 +330,19 @@ def _spread_daily_values(
     for name in OF_A_DAY:
         of_sessions = []
         for session in session_names.tolist():
-            value = values[name_in_session(name, session)]
+            value = values[format_session_constant_name(name, session)]
             of_sessions.append(np.broadcast_to(value, len(sessions)))
         spread[name] = np.stack(of_sessions)[session_of_trial, trial_numbers]
     return spread
 
 
-def _standardise(logarithm: Floats) -> Floats:
+def _standardise_values(values: Floats) -> Floats:
     """Scale numbers to mean 0 and deviation 1; equal ones to zeros."""
-    spread = float(np.std(logarithm))
+    spread = float(np.std(values))
     # the mean of equal numbers may differ from them in the last bit
     if spread <= _LEAST_SPREAD:
-        return np.zeros_like(logarithm)
-    return np.asarray((logarithm - logarithm.mean()) / spread)
+        return np.zeros_like(values)
+    return np.asarray((values - values.mean()) / spread)
 
 
 def list_covariate_ranges(trials: Trials) -> tuple[CovariateRange, ...]:
@@ -358,8 +360,8 @@ def list_covariate_ranges(trials: Trials) -> tuple[CovariateRange, ...]:
         ratio = np.unique(_divide_speed_by_load(trials))
         low, high = float(ratio[0]), float(ratio[-1])
         ranges.append(CovariateRange(SPEED_OVER_LOAD, low, high, True, distinct=len(ratio)))
-    grouped = _group_numbers(ranges)
-    ranges += _pair_readings(ranges)
+    grouped = _build_grouped_ranges(ranges)
+    ranges += _build_paired_ranges(ranges)
     ranges += grouped
     blocks = tuple(map(str, np.unique(trials.block)))
     if 2 < len(blocks) <= len(trials) / _TRIALS_PER_BLOCK:
@@ -395,7 +397,7 @@ def _find_peak_force_range(trials: Trials) -> CovariateRange | None:
     return CovariateRange(PEAK_FORCE, float(force.min()), float(force.max()), True)
 
 
-def _pair_readings(ranges: Sequence[CovariateRange]) -> list[CovariateRange]:
+def _build_paired_ranges(ranges: Sequence[CovariateRange]) -> list[CovariateRange]:
     """Pair the readings of the surroundings, which may act together."""
     readings = []
     for where in ranges:
@@ -408,7 +410,7 @@ def _pair_readings(ranges: Sequence[CovariateRange]) -> list[CovariateRange]:
     return pairs
 
 
-def _group_numbers(ranges: Sequence[CovariateRange]) -> list[CovariateRange]:
+def _build_grouped_ranges(ranges: Sequence[CovariateRange]) -> list[CovariateRange]:
     """Let what is set, and the run, act under each label of a column by itself."""
     groups, numbers = [], []
     for where in ranges:
@@ -429,7 +431,7 @@ def _divide_speed_by_load(trials: Trials) -> NDArray[np.generic]:
     return np.asarray(np.divide(trials.covariates["speed_mm_s"], trials.covariates["load_n"]))
 
 
-def find_followed_column(trials: Trials, predicted: Floats, covariate: str) -> NDArray[np.generic]:
+def get_covariate_column(trials: Trials, predicted: Floats, covariate: str) -> NDArray[np.generic]:
     """Return what an effect follows: a column of the table, or what the model computes.
 
     Parameters
@@ -447,7 +449,7 @@ def find_followed_column(trials: Trials, predicted: Floats, covariate: str) -> N
     return trials.covariates[covariate]
 
 
-def _list_exchanges(trials: Trials, blocks: Sequence[str]) -> list[Law]:
+def _list_block_exchange_laws(trials: Trials, blocks: Sequence[str]) -> list[Law]:
     """List the exchanges of the labels of any two blocks, by what their heights differ."""
     if not 1 < len(blocks) <= _MOST_EXCHANGED or "height_um" not in trials.covariates:
         return []
@@ -468,10 +470,10 @@ def _list_exchanges(trials: Trials, blocks: Sequence[str]) -> list[Law]:
     return laws
 
 
-def list_candidates(
+def list_candidate_laws(
     trials: Trials,
     ranges: Sequence[CovariateRange],
-    with_imitated: bool = False,
+    include_ruled_out: bool = False,
     scanned_radius: float | None = None,
 ) -> tuple[Law, ...]:
     """List every effect that may be asked of a table: laws whose covariate varies, and smooths.
@@ -481,7 +483,7 @@ def list_candidates(
     trials : Trials
     ranges : sequence of CovariateRange
         Of the covariates that vary.
-    with_imitated : bool
+    include_ruled_out : bool
         Whether effects are listed that constants imitate, or that scans rule out.
     scanned_radius : float, optional
         Mean radius of the scanned edges [m].
@@ -493,9 +495,9 @@ def list_candidates(
     ruled_out = {"block_tilt", by_scans}
     laws = []
     blocks = np.unique(trials.block).tolist()
-    exchanged = _list_exchanges(trials, blocks)
+    exchanged = _list_block_exchange_laws(trials, blocks)
     for law in (*list_named_laws(blocks), *exchanged):
-        if law.covariate not in varying or (law.id in ruled_out and not with_imitated):
+        if law.covariate not in varying or (law.id in ruled_out and not include_ruled_out):
             continue
         if scanned_radius and law.id == "edge_rounding":
             laws.append(replace(law, evidence=_SEEN_IN_SCANS))

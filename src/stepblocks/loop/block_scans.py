@@ -62,13 +62,13 @@ def measure_block_scans(
             found.unused[block] = f"{path.relative_to(folder)} leads out of the session"
             continue
         try:
-            found.scans[block] = _measure_scan(path, layout)
+            found.scans[block] = _measure_height_and_edge_radius(path, layout)
         except StepblocksError as error:
             found.unused[block] = str(error)
     return found
 
 
-def _measure_scan(path: Path, layout: TableLayout) -> dict[str, float]:
+def _measure_height_and_edge_radius(path: Path, layout: TableLayout) -> dict[str, float]:
     """Measure height and edge radius of a scan, with uncertainties; the mean over lines [m]."""
     from stepblocks.inspect.edge import fit_edge
     from stepblocks.scans.formats.text import TEXT_ENDINGS
@@ -84,8 +84,8 @@ def _measure_scan(path: Path, layout: TableLayout) -> dict[str, float]:
         edge = fit_edge(line.position, line.height)
         heights.append(edge.height)
         radii.append(edge.radius)
-    height, height_std = _average_independent(heights)
-    radius, radius_std = _average_independent(radii)
+    height, height_std = _average_independent_estimates(heights)
+    radius, radius_std = _average_independent_estimates(radii)
     return {
         "height_m": height,
         "height_std_m": height_std,
@@ -94,7 +94,7 @@ def _measure_scan(path: Path, layout: TableLayout) -> dict[str, float]:
     }
 
 
-def _average_independent(estimates: Sequence["Estimate"]) -> tuple[float, float]:
+def _average_independent_estimates(estimates: Sequence["Estimate"]) -> tuple[float, float]:
     """Average independent estimates; the result is the mean and its standard uncertainty."""
     values = np.array([estimate.value for estimate in estimates])
     stds = np.array([estimate.std for estimate in estimates])

@@ -16,7 +16,7 @@ from stepblocks.lawsearch.law import Law
 from stepblocks.lawsearch.objective import STEP
 from stepblocks.lawsearch.problem import Fit, Problem
 from stepblocks.loop.bench_model import COMMON_ERRORS, SessionModel
-from stepblocks.loop.declared_checks import CalibrationCheck, Declared, find_slip_factor
+from stepblocks.loop.declared_checks import CalibrationCheck, Declared, find_common_mistake_factor
 from stepblocks.loop.session_table import Known
 from stepblocks.records.model import WIDE
 from stepblocks.rig.effects.gauges import GAUGE_LAWS
@@ -40,25 +40,25 @@ def check_calibration(trials: Trials, model: SessionModel) -> tuple[CalibrationC
     checks = []
     for quantity in Declared:
         shown = trials.values[:, trials.channels.index(quantity.value)]
-        declared = find_declared_value(quantity, model.known, model.tool.stiffness, load)
-        check = check_quantity(quantity, shown, declared)
+        declared = compute_declared_ratio_and_std(quantity, model.known, model.tool.stiffness, load)
+        check = check_declared_quantity(quantity, shown, declared)
         if check is not None:
             checks.append(check)
     return tuple(checks)
 
 
-def check_quantity(
-    quantity: Declared, shown: Floats, declared: tuple[float, float]
+def check_declared_quantity(
+    quantity: Declared, measured_values: Floats, declared_with_std: tuple[float, float]
 ) -> CalibrationCheck | None:
     """Hold what the trials show of one quantity against what is declared.
 
     Parameters
     ----------
     quantity : Declared
-    shown : Floats
+    measured_values : Floats
         Shape (n,), what each trial shows over the nominal value [1]; NaN where it does
         not.
-    declared : pair of float
+    declared_with_std : pair of float
         What is declared, in the same unit, and its standard uncertainty [1].
 
     Returns
@@ -66,13 +66,13 @@ def check_quantity(
     CalibrationCheck or None
         None where too few trials show it.
     """
-    shown = shown[np.isfinite(shown)]
-    if shown.size < _LEAST_TRIALS:
+    measured_values = measured_values[np.isfinite(measured_values)]
+    if measured_values.size < _LEAST_TRIALS:
         return None
-    middle = float(np.median(shown))
-    scatter = _MAD_TO_STD * float(np.median(np.abs(shown - middle)))
-    of_trials = _MEDIAN_LOSS * scatter / np.sqrt(shown.size)
-    value, declared_std = declared
+    middle = float(np.median(measured_values))
+    scatter = _MAD_TO_STD * float(np.median(np.abs(measured_values - middle)))
+    of_trials = _MEDIAN_LOSS * scatter / np.sqrt(measured_values.size)
+    value, declared_std = declared_with_std
     std = float(np.hypot(of_trials, COMMON_ERRORS[quantity.value]))
     ratio = middle / value
     doubt = float(np.hypot(std, declared_std))
@@ -82,11 +82,11 @@ def check_quantity(
         low=ratio - WIDE * std,
         high=ratio + WIDE * std,
         contradicts=abs(ratio - 1.0) > _CONTRADICTION * doubt,
-        slip=find_slip_factor(ratio),
+        slip=find_common_mistake_factor(ratio),
     )
 
 
-def find_declared_value(
+def compute_declared_ratio_and_std(
     quantity: Declared, known: Known, stiffness: float, load: float
 ) -> tuple[float, float]:
     """Return what is declared, in units of its nominal value, and its standard uncertainty [1].
@@ -114,7 +114,7 @@ def find_declared_value(
     return float(np.exp(gain)) + shift, float(np.hypot(gain_std, shift_std))
 
 
-def weigh_calibration(
+def apply_calibration_checks(
     explanation: Explanation, checks: Sequence[CalibrationCheck], *, has_prior_law: bool = False
 ) -> tuple[Explanation, tuple[CalibrationCheck, ...]]:
     """Say which contradictions are left beside the effects, and let them widen the intervals.
@@ -139,19 +139,19 @@ def weigh_calibration(
     spring = None
     is_open = False
     for unweighed in checks:
-        check = _set_explained(unweighed, explanation, has_prior_law)
+        check = _mark_explained_check(unweighed, explanation, has_prior_law)
         weighed.append(check)
         is_open = is_open or check.is_open
         if spring is None and check.quantity is Declared.SPRING:
             spring = check
-    explanation = _widen_by_gain(explanation, spring)
+    explanation = _widen_intervals_by_gain(explanation, spring)
     if is_open and explanation.verdict is Verdict.NONE:
         # which of the suspects it is, these trials cannot tell
         explanation = replace(explanation, verdict=Verdict.AMBIGUOUS)
     return explanation, tuple(weighed)
 
 
-def _set_explained(
+def _mark_explained_check(
     check: CalibrationCheck, explanation: Explanation, has_prior_law: bool
 ) -> CalibrationCheck:
     """Return a check with `explained` set: whether an effect or a prior law accounts for it."""
@@ -167,7 +167,9 @@ def _set_explained(
     return replace(check, explained=is_explained)
 
 
-def _widen_by_gain(explanation: Explanation, spring: CalibrationCheck | None) -> Explanation:
+def _widen_intervals_by_gain(
+    explanation: Explanation, spring: CalibrationCheck | None
+) -> Explanation:
     """Widen the intervals of both models by what is not known of the tangential gain.
 
     A gain is known by its certificate, or else to what the ramps miss the declared spring by.
@@ -185,12 +187,12 @@ def _widen_by_gain(explanation: Explanation, spring: CalibrationCheck | None) ->
         return explanation
     return replace(
         explanation,
-        nominal=_add_unknown_gain(explanation.problem, explanation.nominal, gain_std),
-        extended=_add_unknown_gain(explanation.problem, explanation.extended, gain_std),
+        nominal=_add_gain_uncertainty(explanation.problem, explanation.nominal, gain_std),
+        extended=_add_gain_uncertainty(explanation.problem, explanation.extended, gain_std),
     )
 
 
-def _add_unknown_gain(problem: Problem, fitted: Fit, gain_std: float) -> Fit:
+def _add_gain_uncertainty(problem: Problem, fitted: Fit, gain_std: float) -> Fit:
     """Let the logarithm of the gain be uncertain by `gain_std` in the covariance of a fit.
 
     To first order: what the fit answers to a change of the gain, by the variance that the trials

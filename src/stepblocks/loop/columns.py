@@ -57,7 +57,7 @@ CHANNEL_COLUMNS = (
 )
 
 
-def read_numbers(table: pd.DataFrame, name: str) -> Floats:
+def read_numeric_column(table: pd.DataFrame, name: str) -> Floats:
     """Read a column as numbers of shape (n,); NaN where a value is missing."""
     if name not in table:
         return np.full(len(table), np.nan)
@@ -81,7 +81,10 @@ def read_channels(table: pd.DataFrame, spring_constant: float) -> tuple[Floats, 
     values = np.full((len(table), len(CHANNEL_COLUMNS)), np.nan)
     stds = np.full((len(table), len(CHANNEL_COLUMNS)), np.nan)
     for j, columns in enumerate(CHANNEL_COLUMNS):
-        value, std = read_numbers(table, columns.figure), read_numbers(table, columns.std)
+        value, std = (
+            read_numeric_column(table, columns.figure),
+            read_numeric_column(table, columns.std),
+        )
         value, std = _convert_to_channel_scale(
             columns.scale, value, np.abs(std), table, spring_constant
         )
@@ -102,7 +105,7 @@ def _convert_to_channel_scale(
         return np.log(positive), std / positive
     if scale is Scale.OVER_SPRING:
         return value / spring_constant, std / spring_constant
-    load = read_numbers(table, "load_n")
+    load = read_numeric_column(table, "load_n")
     return value / load, std / load
 
 
@@ -115,23 +118,23 @@ def read_covariates(table: pd.DataFrame) -> dict[str, NDArray[np.generic]]:
     return covariates
 
 
-def count_gaps(table: pd.DataFrame) -> dict[str, int]:
+def count_missing_by_column(table: pd.DataFrame) -> dict[str, int]:
     """Count the trials without a value in each column of numbers that has gaps."""
     gaps = {}
     for name in takewhile(lambda column: column != FIRST_FIGURE, table.columns):
-        if name in _NO_CONDITIONS or not _holds_numbers(table, name):
+        if name in _NO_CONDITIONS or not _is_numeric_column(table, name):
             continue
-        missing = int((~np.isfinite(read_numbers(table, name))).sum())
+        missing = int((~np.isfinite(read_numeric_column(table, name))).sum())
         if missing:
             gaps[name] = missing
     return gaps
 
 
-def _holds_numbers(table: pd.DataFrame, name: str) -> bool:
+def _is_numeric_column(table: pd.DataFrame, name: str) -> bool:
     """Tell whether a column is one of numbers, of which some may be blank."""
     if name in _LABELS:
         return False
-    seen = np.isfinite(read_numbers(table, name))
+    seen = np.isfinite(read_numeric_column(table, name))
     blank = table[name].isna().to_numpy() | (table[name].astype(str).str.strip() == "").to_numpy()
     filled = int((~blank).sum())
     if seen.mean() <= 1.0 - _MOST_MISSED or not filled:
@@ -145,36 +148,36 @@ def _read_covariate(table: pd.DataFrame, name: str) -> NDArray[np.generic]:
     A blank cell of a reading that changes slowly is filled between its neighbours along the run,
     any other with the median: such a trial says nothing of the column, and speaks of all others.
     """
-    if not _holds_numbers(table, name):
+    if not _is_numeric_column(table, name):
         labels: NDArray[np.generic] = table[name].fillna("unknown").astype(str).to_numpy()
         return labels
-    numbers = read_numbers(table, name)
+    numbers = read_numeric_column(table, name)
     if np.isfinite(numbers).all():
         return numbers
-    return _fill_gaps(numbers, _read_run_order(table))
+    return _fill_missing_values(numbers, _read_run_order(table))
 
 
 def _read_run_order(table: pd.DataFrame) -> Floats:
     """Read the run order, shape (n,); that of the rows where the column is missing or has gaps."""
-    order = read_numbers(table, "run_order")
+    order = read_numeric_column(table, "run_order")
     if not np.isfinite(order).all():
         return np.arange(float(len(order)))
     return order
 
 
-def _fill_gaps(numbers: Floats, order: Floats) -> Floats:
+def _fill_missing_values(values: Floats, run_order: Floats) -> Floats:
     """Fill NaN between neighbours in order, or with the median."""
-    seen = np.isfinite(numbers)
+    seen = np.isfinite(values)
     rows = np.flatnonzero(seen)
-    rows = rows[np.argsort(order[rows], kind="stable")]
-    in_order = numbers[rows]
-    filled = np.where(seen, numbers, np.median(in_order))
+    rows = rows[np.argsort(run_order[rows], kind="stable")]
+    in_order = values[rows]
+    filled = np.where(seen, values, np.median(in_order))
     varies = len(in_order) > 2 and np.ptp(in_order[1:]) > 0.0 and np.ptp(in_order[:-1]) > 0.0
     if not varies:
         return filled
     if np.corrcoef(in_order[:-1], in_order[1:])[0, 1] <= _SLOW:
         return filled
-    return np.where(seen, numbers, np.interp(order, order[rows], in_order))
+    return np.where(seen, values, np.interp(run_order, run_order[rows], in_order))
 
 
 def derive_covariates(features: pd.DataFrame) -> dict[str, NDArray[np.generic]]:
@@ -192,12 +195,12 @@ def derive_covariates(features: pd.DataFrame) -> dict[str, NDArray[np.generic]]:
     run = features.iloc[rows].reset_index(drop=True)
     derived: dict[str, pd.Series] = {}
     for name in ("load_n", "height_um"):
-        column = pd.Series(read_numbers(run, name)).replace([np.inf, -np.inf], np.nan)
+        column = pd.Series(read_numeric_column(run, name)).replace([np.inf, -np.inf], np.nan)
         derived[f"previous_{name}"] = column.shift().fillna(column.median())
     derived["passes_of_block"] = run.groupby("block").cumcount().astype(np.float64)
     clock = _find_clock_column(features)
     if clock is not None:
-        derived |= _derive_pauses(run, clock)
+        derived |= _derive_clock_covariates(run, clock)
     back = np.argsort(rows)
     return {name: column.to_numpy()[back] for name, column in derived.items()}
 
@@ -210,12 +213,12 @@ def _find_clock_column(features: pd.DataFrame) -> str | None:
     return None
 
 
-def _derive_pauses(run: pd.DataFrame, clock: str) -> dict[str, "pd.Series[Any]"]:
+def _derive_clock_covariates(run: pd.DataFrame, clock: str) -> dict[str, "pd.Series[Any]"]:
     """Derive pauses, trials since a rest and days from the clock of a run in its order.
 
     Nothing is derived where the clock runs back.
     """
-    gaps = pd.Series(read_numbers(run, clock)).diff()
+    gaps = pd.Series(read_numeric_column(run, clock)).diff()
     if not gaps.min() >= 0.0:
         return {}
     derived: dict[str, pd.Series[Any]] = {"pause_s": gaps.fillna(gaps.max())}
@@ -246,7 +249,7 @@ def describe_clock_jumps(features: pd.DataFrame) -> list[str]:
     if clock is None:
         return []
     run = features.iloc[np.argsort(_read_run_order(features), kind="stable")]
-    gaps = np.diff(read_numbers(run, clock))
+    gaps = np.diff(read_numeric_column(run, clock))
     if not np.isfinite(gaps).any():
         return []
     usual = float(np.nanmedian(gaps))

@@ -6,32 +6,32 @@ from dataclasses import asdict, replace
 import numpy as np
 import pandas as pd
 
-from stepblocks.lawsearch.adequacy import ReplicateTest, compare_with_replicates
+from stepblocks.lawsearch.adequacy import ReplicateTest, test_misfit_against_replicates
 from stepblocks.lawsearch.choice import Rival
 from stepblocks.lawsearch.findings import Explanation, Finding, Rules, Verdict
 from stepblocks.lawsearch.forward_model import Floats, Trials
-from stepblocks.lawsearch.gate import compute_detectable
+from stepblocks.lawsearch.gate import compute_detectable_amplitudes
 from stepblocks.lawsearch.holdout import Holdout
-from stepblocks.lawsearch.identifiability import compare_directions
+from stepblocks.lawsearch.identifiability import find_indistinguishable_effects
 from stepblocks.lawsearch.law import Law, remove_variant_mark
 from stepblocks.lawsearch.problem import Fit, Problem
-from stepblocks.lawsearch.run_order import bound_jump_place
+from stepblocks.lawsearch.run_order import compute_jump_place_interval
 from stepblocks.lawsearch.scatter import Residual, compute_flexible_residual
 from stepblocks.lawsearch.structure import Hint
-from stepblocks.loop.apart import describe_trial
+from stepblocks.loop.apart import describe_trial_fault
 from stepblocks.loop.apart_trial import ApartTrial
 from stepblocks.loop.bench_model import (
     SessionModel,
-    find_followed_column,
-    list_candidates,
+    get_covariate_column,
+    list_candidate_laws,
     list_covariate_ranges,
 )
 from stepblocks.loop.block_scans import Scans
 from stepblocks.loop.channels import ENERGY, JUDGED, PEAK_FORCE
 from stepblocks.loop.declared_checks import CalibrationCheck
 from stepblocks.loop.experiment import propose_experiment
-from stepblocks.loop.finding import write_sentence
-from stepblocks.loop.headline import list_block_errors, write_headline
+from stepblocks.loop.finding import format_finding_sentence
+from stepblocks.loop.headline import format_headline_lines, list_block_errors
 from stepblocks.loop.record import (
     AdequacyRecord,
     CalibrationRecord,
@@ -54,7 +54,7 @@ from stepblocks.loop.record import (
     ScansRecord,
 )
 from stepblocks.loop.session_table import SessionTable
-from stepblocks.loop.words import find_difference_unit, find_slope_unit
+from stepblocks.loop.words import find_difference_unit, find_slope_factor_and_unit
 from stepblocks.records.model import WIDE
 from stepblocks.rig.effects.grammar.covariates import CovariateRange
 
@@ -105,10 +105,10 @@ def compose_record(
     checks : sequence of CalibrationCheck
         What the records show of spring and load.
     """
-    pure_error = _test_against_replicates(table, explanation)
+    pure_error = _test_misfit_against_replicates(table, explanation)
     floor = _estimate_noise_floor(table, explanation.extended, list(pure_error.values()))
     spring = table.model.tool.stiffness
-    nominal_errors, extended_errors = _list_errors(within, between, floor)
+    nominal_errors, extended_errors = _make_model_errors(within, between, floor)
     effects = [_make_finding_record(f, explanation, table) for f in explanation.findings]
     hints = [_make_hint_record(hint, table) for hint in explanation.hints]
     mislabelled = [trial for trial in table.excluded if trial.is_mislabelled]
@@ -122,16 +122,16 @@ def compose_record(
         nominal=nominal,
         extended=extended,
         effects=effects,
-        rivals=_list_rivals(explanation),
+        rivals=_list_rival_records(explanation),
         hints=hints,
         unwritten=hints,
         known_of_the_gauges=_list_known_constants(table.model),
-        could_have_shown=_list_detectable(explanation),
+        could_have_shown=_list_detectable_effects(explanation),
         excluded=table.excluded,
         flagged=mislabelled,
         apart=_list_apart_trials(table, explanation),
         regimes=table.regimes,
-        censored=_list_censored(table, explanation),
+        censored=_list_censored_trials(table, explanation),
         next_experiment=propose_experiment(explanation, checks),
         adequacy=_make_adequacy_record(explanation, rules, pure_error),
         identifiability=_make_identifiability_record(explanation),
@@ -145,8 +145,8 @@ def compose_record(
     )
     return replace(
         record,
-        finding=write_sentence(explanation, record),
-        headline=write_headline(explanation, record, table),
+        finding=format_finding_sentence(explanation, record),
+        headline=format_headline_lines(explanation, record, table),
     )
 
 
@@ -175,12 +175,12 @@ def _make_calibration_record(check: CalibrationCheck) -> CalibrationRecord:
     )
 
 
-def _make_model_record(fitted: Fit, spring: float, errors: ModelErrors) -> ModelRecord:
-    """Record a fitted model; `spring` is the nominal spring constant [N/m]."""
-    return ModelRecord(_describe_constants(fitted, spring), errors, fitted.cost)
+def _make_model_record(fitted: Fit, spring_constant: float, errors: ModelErrors) -> ModelRecord:
+    """Record a fitted model; `spring_constant` is the nominal one [N/m]."""
+    return ModelRecord(_list_constant_estimates(fitted, spring_constant), errors, fitted.cost)
 
 
-def _describe_constants(fitted: Fit, spring: float) -> dict[str, Estimate]:
+def _list_constant_estimates(fitted: Fit, spring_constant: float) -> dict[str, Estimate]:
     """Give the constants of a fitted model under the names people use, with 95 % intervals."""
     estimates = {}
     for parameter in fitted.parameters:
@@ -189,27 +189,27 @@ def _describe_constants(fitted: Fit, spring: float) -> dict[str, Estimate]:
         constant, bracket, session = parameter.name.partition("[")
         name, unit = _KNOWN_NAMES.get(constant, (constant, parameter.unit))
         if constant == "stiffness_ratio":
-            value, std = spring * value, spring * std
-        estimate = _estimate_interval(value, unit, std)
+            value, std = spring_constant * value, spring_constant * std
+        estimate = _make_normal_estimate(value, unit, std)
         if constant.startswith("ln_"):
-            estimate = _convert_from_logarithm(estimate)
+            estimate = _exponentiate_estimate(estimate)
         estimates[name + bracket + session] = estimate
     return estimates
 
 
-def _estimate_interval(value: float, unit: str, std: float) -> Estimate:
+def _make_normal_estimate(value: float, unit: str, std: float) -> Estimate:
     """Give a value with the 95 % interval of a normal distribution."""
     return Estimate(value, unit, value - WIDE * std, value + WIDE * std)
 
 
-def _convert_from_logarithm(logarithm: Estimate) -> Estimate:
+def _exponentiate_estimate(logarithm: Estimate) -> Estimate:
     """Turn the estimate of a logarithm into that of the number itself."""
     value = float(np.exp(logarithm.value))
     low, high = float(np.exp(logarithm.low)), float(np.exp(logarithm.high))
     return Estimate(value, logarithm.unit, low, high)
 
 
-def _list_errors(
+def _make_model_errors(
     within: Holdout, between: Holdout, floor: NoiseFloor
 ) -> tuple[ModelErrors, ModelErrors]:
     """List the errors on held-out trials of the nominal and of the extended model."""
@@ -223,7 +223,7 @@ def _list_errors(
     return nominal, extended
 
 
-def _test_against_replicates(
+def _test_misfit_against_replicates(
     table: SessionTable, explanation: Explanation
 ) -> dict[str, ReplicateTest]:
     """Test the misfit of energy and peak force against the scatter among replicates."""
@@ -233,7 +233,7 @@ def _test_against_replicates(
     tests = {}
     for j in (ENERGY, PEAK_FORCE):
         channel = table.trials.channels[j]
-        tests[channel] = compare_with_replicates(residual[:, j], cells, constants)
+        tests[channel] = test_misfit_against_replicates(residual[:, j], cells, constants)
     return tests
 
 
@@ -261,7 +261,7 @@ def _estimate_noise_floor(
     trials = table.trials
     residuals = [
         compute_flexible_residual(trials, table.model.systematics(trials)),
-        Residual(_compute_residual(table, fitted), fitted.count_freedom()),
+        Residual(_compute_residual(table, fitted), fitted.count_residual_freedom()),
     ]
     floors = []
     for residual in residuals:
@@ -299,7 +299,7 @@ def _make_finding_record(
     return record
 
 
-def _list_rivals(explanation: Explanation) -> list[EffectRecord]:
+def _list_rival_records(explanation: Explanation) -> list[EffectRecord]:
     """Describe the rivals of all findings, those of the first finding first."""
     records = []
     for finding in explanation.findings:
@@ -324,12 +324,12 @@ def _make_effect_record(
         slot=effect.slot,
         covariate=effect.covariate,
         form=effect.form,
-        parameters=_describe_parameters(effect, fitted, problem),
+        parameters=_list_parameter_estimates(effect, fitted, problem),
         evidence=evidence,
     )
 
 
-def _describe_parameters(effect: Law, fitted: Fit, problem: Problem) -> dict[str, Estimate]:
+def _list_parameter_estimates(effect: Law, fitted: Fit, problem: Problem) -> dict[str, Estimate]:
     """Give the fitted parameters of an effect with their 95 % intervals."""
     values, std = effect.pick_own_values(fitted.values), effect.pick_own_values(fitted.std)
     estimates = {}
@@ -337,18 +337,20 @@ def _describe_parameters(effect: Law, fitted: Fit, problem: Problem) -> dict[str
         scale, unit = 1.0, p.unit
         if effect.id.startswith("trend_") and p.name.startswith("slope"):
             # the law has its slope per half range
-            scale, unit = find_slope_unit(_find_range(problem.trials, effect.covariate))
-        estimates[p.name] = _estimate_interval(scale * values[p.name], unit, scale * std[p.name])
+            scale, unit = find_slope_factor_and_unit(
+                _find_covariate_range(problem.trials, effect.covariate)
+            )
+        estimates[p.name] = _make_normal_estimate(scale * values[p.name], unit, scale * std[p.name])
     for name in effect.steps:
-        column = find_followed_column(problem.trials, fitted.predicted, effect.covariate)
-        low, high = bound_jump_place(problem, fitted, effect, name, column)
+        column = get_covariate_column(problem.trials, fitted.predicted, effect.covariate)
+        low, high = compute_jump_place_interval(problem, fitted, effect, name, column)
         # a place on a scale of degrees is no difference of temperatures
         unit = find_difference_unit(effect.covariate).strip("()").replace("K", "°C")
         estimates[name] = replace(estimates[name], low=low, high=high, unit=unit)
     return estimates
 
 
-def _find_range(trials: Trials, covariate: str) -> CovariateRange:
+def _find_covariate_range(trials: Trials, covariate: str) -> CovariateRange:
     """Find the range of a covariate that varies."""
     for where in list_covariate_ranges(trials):
         if where.name == covariate:
@@ -373,16 +375,18 @@ def _make_hint_record(hint: Hint, table: SessionTable) -> HintRecord:
     )
 
 
-def _list_general_laws(trials: Trials, *, with_imitated: bool = False) -> list[Law]:
+def _list_general_laws(trials: Trials, *, include_ruled_out: bool = False) -> list[Law]:
     """List the named laws that may be asked of a table, but for those of single blocks."""
-    laws = list_candidates(trials, list_covariate_ranges(trials), with_imitated)
+    laws = list_candidate_laws(trials, list_covariate_ranges(trials), include_ruled_out)
     return [law for law in laws if law.named and law.covariate != "block"]
 
 
-def _list_detectable(explanation: Explanation) -> list[DetectableEffect]:
+def _list_detectable_effects(explanation: Explanation) -> list[DetectableEffect]:
     """List the smallest effect of each slot that the last gate lets through nine times in ten."""
     laws = _list_general_laws(explanation.problem.trials)
-    sizes = compute_detectable(explanation.problem, explanation.extended, laws, explanation.needed)
+    sizes = compute_detectable_amplitudes(
+        explanation.problem, explanation.extended, laws, explanation.needed
+    )
     by_slot: dict[str, DetectableEffect] = {}
     for law in laws:
         size = sizes.get(law.id, np.nan)
@@ -412,12 +416,12 @@ def _list_apart_trials(table: SessionTable, explanation: Explanation) -> list[Ap
         chances[trial.row] = trial.chance
     records = []
     for row, chance in sorted(chances.items()):
-        looks_like = describe_trial(explanation, table.measured, row)
+        looks_like = describe_trial_fault(explanation, table.measured, row)
         records.append(ApartTrial(str(table.names[row]), chance, looks_like))
     return records
 
 
-def _list_censored(table: SessionTable, explanation: Explanation) -> CensoredTrials:
+def _list_censored_trials(table: SessionTable, explanation: Explanation) -> CensoredTrials:
     """List trials whose peak is known as a bound alone, and those predicted plainly below it."""
     trials, fitted = table.trials, explanation.extended
     bound = np.full(len(trials), np.nan)
@@ -448,8 +452,8 @@ def _make_adequacy_record(
 
 def _make_identifiability_record(explanation: Explanation) -> IdentifiabilityRecord:
     """Record what the design, and what the equations, cannot tell apart."""
-    laws = _list_general_laws(explanation.problem.trials, with_imitated=True)
-    found = compare_directions(explanation.problem, explanation.nominal, laws)
+    laws = _list_general_laws(explanation.problem.trials, include_ruled_out=True)
+    found = find_indistinguishable_effects(explanation.problem, explanation.nominal, laws)
     return IdentifiabilityRecord(**asdict(found), by_the_equations=_BY_THE_EQUATIONS)
 
 

@@ -7,7 +7,7 @@ _SLIPS = (2.0, 10.0, 100.0, 1000.0)  # factors by which people slip
 _NEAR_SLIP = 0.08  # of such a factor
 
 
-def find_slip_factor(ratio: float) -> float | None:
+def find_common_mistake_factor(ratio: float) -> float | None:
     """Find the factor of a common slip near a ratio, such as 1000 for a unit; None for no slip."""
     for factor in _SLIPS:
         for slip in (factor, 1.0 / factor):
@@ -23,7 +23,7 @@ class Declared(Enum):
     LOAD = "normal_load_ratio"
 
     @property
-    def shown_by(self) -> str:
+    def evidence_phrase(self) -> str:
         """What shows it, in words."""
         if self is Declared.SPRING:
             return "the ramps show"
@@ -44,7 +44,7 @@ class Declared(Enum):
         return ("weights", "normal gain", "normal zero")
 
     @property
-    def suspects_of_slip(self) -> tuple[str, ...]:
+    def suspects_of_mistake(self) -> tuple[str, ...]:
         """What may be wrong by a factor at which people slip."""
         if self is Declared.SPRING:
             return ("probe.spring_constant", "trials.columns.speed", "acquisition.sample_rate")
@@ -107,10 +107,10 @@ class CalibrationCheck:
         low, high = sorted(ends)
         suspects = self.quantity.suspects
         if self.slip is not None:
-            suspects = self.quantity.suspects_of_slip
+            suspects = self.quantity.suspects_of_mistake
         named = f"{', '.join(suspects[:-1])} or {suspects[-1]}"
         return (
-            f"{self.quantity.shown_by} {abs(percent):.1f} % ({low:.1f} to "
+            f"{self.quantity.evidence_phrase} {abs(percent):.1f} % ({low:.1f} to "
             f"{high:.1f} %) {direction} than the {self.quantity.name_in_words}: {named}"
         )
 
@@ -138,7 +138,7 @@ class RateCheck:
     @property
     def slip(self) -> float | None:
         """Factor of a typical mistake near which `shown` lies [1]; None without one."""
-        return find_slip_factor(self.shown)
+        return find_common_mistake_factor(self.shown)
 
     @property
     def sentence(self) -> str:

@@ -17,7 +17,7 @@ from stepblocks.loop.bench_model import SessionModel
 from stepblocks.loop.channels import PEAK_FORCE
 from stepblocks.loop.declared_checks import CalibrationCheck
 from stepblocks.loop.next_block import NextBlock
-from stepblocks.loop.settings import CHOSEN, COUNTED, GONE, MOST_SETTINGS, SHOWN, build_grid
+from stepblocks.loop.settings import CHOSEN, COUNTED, GONE, MOST_SETTINGS, SHOWN, build_setting_grid
 from stepblocks.rig.state import DragState
 
 NOTHING = "nothing"  # what an effect is distinguished from that has no rival
@@ -126,7 +126,7 @@ def propose_experiment(
         if check.is_open:
             weighings += (check.quantity.advice,)
             suspects += (check.sentence,)
-    models = _choose_models(explanation)
+    models = _choose_rival_models(explanation)
     if models is None:
         if weighings and not explanation.hints:
             return NextExperiment(suspects, weighings, _WEIGH_FIRST)
@@ -135,13 +135,13 @@ def propose_experiment(
         sentences = tuple(explanation.hint_sentences)
         return NextExperiment(sentences, weighings or None, _WRITE_DOWN)
     separates = models.effect.id, models.rival
-    checks_of_doubt = _list_checks_of_doubt(explanation)
+    checks_of_doubt = _list_instrument_checks(explanation)
     moves = tuple(dict.fromkeys((*weighings, *checks_of_doubt, *_list_bench_advice(explanation))))
     trials = explanation.problem.trials
     extra = _list_varied_covariates(trials, models)
-    grid = build_grid(trials, extra)
+    grid = build_setting_grid(trials, extra)
     state = _compute_state(explanation, grid, models.first)
-    feasible = _find_feasible(explanation, models, grid, state)
+    feasible = _find_feasible_settings(explanation, models, grid, state)
     ranking: Ranking | None = None
     if feasible.any():
         ranking = rank_settings(
@@ -149,7 +149,7 @@ def propose_experiment(
         )
     if ranking is None:
         return NextExperiment(separates, moves, _OUT_OF_REACH)
-    block = _design_block(trials, state, ranking.settings[0])
+    block = _design_next_block(trials, state, ranking.settings[0])
     note = ""
     if not 0 < ranking.repeats <= len(trials):
         # what it would take is said, and not asked for
@@ -168,7 +168,7 @@ def propose_experiment(
     )
 
 
-def _list_checks_of_doubt(explanation: Explanation) -> tuple[str, ...]:
+def _list_instrument_checks(explanation: Explanation) -> tuple[str, ...]:
     """List what to check of the instrument before anything else where a finding is doubtful."""
     doubtful = {Verdict.UNEXPLAINED, Verdict.AMBIGUOUS}
     if any(finding.verdict in doubtful for finding in explanation.findings):
@@ -198,7 +198,7 @@ def _describe_unaffordable_trials(ranking: Ranking, trials: Trials) -> str:
     return f"no affordable experiment separates these: {needed}"
 
 
-def _choose_models(explanation: Explanation) -> _RivalModels | None:
+def _choose_rival_models(explanation: Explanation) -> _RivalModels | None:
     """Choose the two models to distinguish: an effect and its first rival, or with and without it.
 
     The result is None where there is no finding.
@@ -244,13 +244,13 @@ def _compute_state(explanation: Explanation, grid: Trials, fitted: Fit) -> DragS
     return model.compute_state(grid, explanation.extended.values, fitted.active_effects)
 
 
-def _find_feasible(
+def _find_feasible_settings(
     explanation: Explanation, models: _RivalModels, grid: Trials, state: DragState
 ) -> NDArray[np.bool_]:
     """Find the settings at which the tip slips, at a force that the bench has shown."""
     highest_force = np.exp(explanation.extended.predicted[:, PEAK_FORCE]).max()
     force = state.compute_peak_force()
-    slips = ~state.find_locked() & (force > _SLIPS * state.compute_sliding_force())
+    slips = ~state.mark_locked_trials() & (force > _SLIPS * state.compute_sliding_force())
     feasible = np.asarray(slips & (force <= highest_force))
     if models.effect.covariate == "block":
         # no other block tells of it
@@ -258,7 +258,9 @@ def _find_feasible(
     return feasible
 
 
-def _design_block(trials: Trials, state: DragState, setting: RankedSetting) -> NextBlock | None:
+def _design_next_block(
+    trials: Trials, state: DragState, setting: RankedSetting
+) -> NextBlock | None:
     """Design the block of the best setting, or None where there is one of its height."""
     height = float(setting.settings["height_um"])
     if height in trials.covariates["height_um"]:

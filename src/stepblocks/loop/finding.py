@@ -28,13 +28,13 @@ class ErrorsInWords:
     noise: str
 
 
-def write_summary(record: LoopRecord) -> str:
+def format_summary(record: LoopRecord) -> str:
     """Write verdict, number of trials and held-out error of the energy before and after."""
     before, after = record.nominal.error.ln_energy_rms, record.extended.error.ln_energy_rms
     return f"{record.verdict}, {record.trials_analysed} trials, E_v {before:.1%} -> {after:.1%}"
 
 
-def write_sentence(explanation: Explanation, record: LoopRecord) -> str:
+def format_finding_sentence(explanation: Explanation, record: LoopRecord) -> str:
     """Say what was found, how large it is, how far the error fell, and what noise leaves.
 
     Parameters
@@ -43,14 +43,14 @@ def write_sentence(explanation: Explanation, record: LoopRecord) -> str:
     record : LoopRecord
         Contents of result.json; its own sentence is not read.
     """
-    errors = format_errors(record.nominal.error, record.extended.error)
+    errors = format_held_out_errors(record.nominal.error, record.extended.error)
     if explanation.verdict is Verdict.NONE:
         return (
-            f"No effect beyond noise was found{_describe_detectable(record)}; error of E_v "
+            f"No effect beyond noise was found{_describe_detectable_effects(record)}; error of E_v "
             f"{errors.before}, noise {errors.noise}"
         )
     parts = record.list_calibration_texts()
-    parts += _list_sentences(explanation, record)
+    parts += _list_finding_sentences(explanation, record)
     text = "; ".join(dict.fromkeys(parts))
     if not text:
         text = "The trials differ by more than noise would do, and no law is claimed"
@@ -67,7 +67,7 @@ def write_sentence(explanation: Explanation, record: LoopRecord) -> str:
     return text[0].upper() + text[1:]
 
 
-def _describe_detectable(record: LoopRecord) -> str:
+def _describe_detectable_effects(record: LoopRecord) -> str:
     """Say in brackets what would have shown; empty where that is unknown."""
     effects = []
     for effect in record.could_have_shown[:_MOST_DETECTABLE]:
@@ -77,15 +77,15 @@ def _describe_detectable(record: LoopRecord) -> str:
     return f" (what would have shown: {', '.join(effects)})"
 
 
-def describe_apart_trials(count: int) -> str:
+def describe_apart_trials(trial_count: int) -> str:
     """Say how many trials were held apart; empty where none were."""
-    if count == 0:
+    if trial_count == 0:
         return ""
-    trials = "trial" if count == 1 else "trials"
-    return f"{count} {trials} held apart"
+    trials = "trial" if trial_count == 1 else "trials"
+    return f"{trial_count} {trials} held apart"
 
 
-def _list_sentences(explanation: Explanation, record: LoopRecord) -> list[str]:
+def _list_finding_sentences(explanation: Explanation, record: LoopRecord) -> list[str]:
     """List the sentences on the hints, the findings and the whole."""
     sentences = explanation.hint_sentences
     parts = [*sentences]
@@ -117,27 +117,27 @@ def describe_remaining_doubt_of_whole(explanation: Explanation) -> str:
     return text
 
 
-def format_errors(nominal: ModelErrors, extended: ModelErrors) -> ErrorsInWords:
+def format_held_out_errors(nominal: ModelErrors, extended: ModelErrors) -> ErrorsInWords:
     """Write the errors of E_v of both models, on trials and on blocks held out, in percent.
 
     A model that errs by more beyond chance is not delivered, so that a rise is one by chance.
     """
-    before = _convert_to_percent(nominal.ln_energy_rms)
-    before_blocks = _convert_to_percent(nominal.ln_energy_rms_blocks_left_out)
-    after = _convert_to_percent(extended.ln_energy_rms)
-    after_blocks = _convert_to_percent(extended.ln_energy_rms_blocks_left_out)
+    before = _convert_log_error_to_percent(nominal.ln_energy_rms)
+    before_blocks = _convert_log_error_to_percent(nominal.ln_energy_rms_blocks_left_out)
+    after = _convert_log_error_to_percent(extended.ln_energy_rms)
+    after_blocks = _convert_log_error_to_percent(extended.ln_energy_rms_blocks_left_out)
     return ErrorsInWords(
         before=_format_percent(before),
         after=_format_percent_after(after, before),
         before_blocks=_format_percent(before_blocks),
         after_blocks=_format_percent_after(after_blocks, before_blocks),
-        noise=_format_percent(_convert_to_percent(extended.noise_floor.ln_energy_rms)),
+        noise=_format_percent(_convert_log_error_to_percent(extended.noise_floor.ln_energy_rms)),
     )
 
 
-def _convert_to_percent(rms: float) -> float:
+def _convert_log_error_to_percent(log_rms: float) -> float:
     """Turn an error of a logarithm into whole percents of the number itself."""
-    return float(np.rint(100.0 * np.expm1(rms)))
+    return float(np.rint(100.0 * np.expm1(log_rms)))
 
 
 def _format_percent(percent: float) -> str:
@@ -155,7 +155,7 @@ def describe_finding(
     finding: Finding,
     entry: EffectRecord,
     rivals: Sequence[EffectRecord],
-    sentences: Sequence[str],
+    hint_sentences: Sequence[str],
 ) -> str:
     """Say what was found, with its rivals or the reason why no law is claimed.
 
@@ -166,13 +166,13 @@ def describe_finding(
         Of the finding in result.json.
     rivals : sequence of EffectRecord
         Of its rivals.
-    sentences : sequence of str
+    hint_sentences : sequence of str
         What has been said before and is not said again.
     """
     law = finding.effect
     if finding.verdict is Verdict.UNEXPLAINED or not law.description:
-        text = f"{_describe_place(law)}, no law claimed"
-        if finding.reason and finding.reason not in sentences:
+        text = f"{_describe_slot_and_covariate(law)}, no law claimed"
+        if finding.reason and finding.reason not in hint_sentences:
             text = f"{text}: {finding.reason}"
         return text
     text = _describe_law(law, entry)
@@ -187,7 +187,7 @@ def describe_finding(
     return f"{', or '.join(choices)}; these trials cannot tell which"
 
 
-def _describe_place(law: Law) -> str:
+def _describe_slot_and_covariate(law: Law) -> str:
     """Say which slot differs, and what it follows."""
     slot = law.slot.replace("_", " ")
     if law.covariate == "none":
@@ -200,8 +200,10 @@ def _describe_place(law: Law) -> str:
 def _describe_law(law: Law, entry: EffectRecord) -> str:
     """Describe a law with its figures, or by its place where it has no words of its own."""
     if not law.description:
-        return _describe_place(law)
-    figures = [_format_figure(name, estimate) for name, estimate in entry.parameters.items()]
+        return _describe_slot_and_covariate(law)
+    figures = [
+        _format_parameter_estimate(name, estimate) for name, estimate in entry.parameters.items()
+    ]
     text = law.description
     if _BLANK not in text:
         text = f"{text} {', '.join([_BLANK] * len(figures))}"
@@ -210,7 +212,7 @@ def _describe_law(law: Law, entry: EffectRecord) -> str:
     return text
 
 
-def _format_figure(name: str, estimate: Estimate) -> str:
+def _format_parameter_estimate(name: str, estimate: Estimate) -> str:
     """Write a parameter with its interval, after the label that its name has in brackets."""
     value = format_value(estimate.value, estimate.unit)
     low = format_value(estimate.low, estimate.unit)

@@ -14,11 +14,11 @@ from stepblocks.loop.finding import (
     describe_apart_trials,
     describe_finding,
     describe_remaining_doubt_of_whole,
-    format_errors,
+    format_held_out_errors,
 )
 from stepblocks.loop.record import BlockError, EffectRecord, LoopRecord
 from stepblocks.loop.session_table import SessionTable
-from stepblocks.loop.words import begin_sentence
+from stepblocks.loop.words import capitalise_first_letter
 
 _LEAST_SHOWN_P = 1e-4  # chance of a false alarm, below which it is only said to be less
 
@@ -30,7 +30,7 @@ _SURE = {
 }
 
 
-def write_headline(
+def format_headline_lines(
     explanation: Explanation, record: LoopRecord, table: SessionTable
 ) -> tuple[str, ...]:
     """Write the finding as lines.
@@ -50,14 +50,16 @@ def write_headline(
     """
     lines = record.list_calibration_texts()
     lines += explanation.hint_sentences
-    lines += _write_findings(explanation, record, table)
+    lines += _format_finding_lines(explanation, record, table)
     if not lines:
         lines.append("No effect beyond noise was found")
-    lines += _write_closing_lines(explanation, record)
-    return tuple(map(begin_sentence, lines))
+    lines += _format_closing_lines(explanation, record)
+    return tuple(map(capitalise_first_letter, lines))
 
 
-def _write_findings(explanation: Explanation, record: LoopRecord, table: SessionTable) -> list[str]:
+def _format_finding_lines(
+    explanation: Explanation, record: LoopRecord, table: SessionTable
+) -> list[str]:
     """Write a line for each finding, with its rivals."""
     lines = []
     sentences = explanation.hint_sentences
@@ -66,19 +68,19 @@ def _write_findings(explanation: Explanation, record: LoopRecord, table: Session
         last_rival = first_rival + len(finding.rivals)
         rivals = record.rivals[first_rival:last_rival]
         first_rival = last_rival
-        lines.append(_write_finding(finding, entry, rivals, sentences, table))
+        lines.append(_format_finding_line(finding, entry, rivals, sentences, table))
     return lines
 
 
-def _write_finding(
+def _format_finding_line(
     finding: Finding,
     entry: EffectRecord,
     rivals: Sequence[EffectRecord],
-    sentences: Sequence[str],
+    hint_sentences: Sequence[str],
     table: SessionTable,
 ) -> str:
     """Write what was found, how much, how sure, and on how many trials it rests."""
-    text = describe_finding(finding, entry, rivals, sentences)
+    text = describe_finding(finding, entry, rivals, hint_sentences)
     chance = f"{finding.gate_p:.2g}"
     if finding.gate_p < _LEAST_SHOWN_P:
         chance = f"less than {_LEAST_SHOWN_P:g}"
@@ -98,7 +100,7 @@ def _count_trials_of_effect(finding: Finding, table: SessionTable) -> int:
     return int(measured.sum())
 
 
-def _write_closing_lines(explanation: Explanation, record: LoopRecord) -> list[str]:
+def _format_closing_lines(explanation: Explanation, record: LoopRecord) -> list[str]:
     """Write the closing lines: doubt of the whole, trials held apart, notes, and errors."""
     lines = []
     doubt = describe_remaining_doubt_of_whole(explanation)
@@ -108,7 +110,7 @@ def _write_closing_lines(explanation: Explanation, record: LoopRecord) -> list[s
     if apart:
         lines.append(apart)
     lines += record.notes
-    errors = format_errors(record.nominal.error, record.extended.error)
+    errors = format_held_out_errors(record.nominal.error, record.extended.error)
     change = errors.before
     if explanation.findings:
         change = f"{errors.before} before, {errors.after} after"
@@ -122,7 +124,7 @@ def _write_closing_lines(explanation: Explanation, record: LoopRecord) -> list[s
     return lines
 
 
-def list_block_errors(table: SessionTable, within: Holdout, noise: float) -> list[BlockError]:
+def list_block_errors(table: SessionTable, within: Holdout, noise_rms: float) -> list[BlockError]:
     """List the error of the energy of held-out trials before and after, block by block.
 
     Parameters
@@ -130,7 +132,7 @@ def list_block_errors(table: SessionTable, within: Holdout, noise: float) -> lis
     table : SessionTable
     within : Holdout
         Errors on trials held out within blocks.
-    noise : float
+    noise_rms : float
         The least error of ln E_v that noise allows.
     """
     errors = []
@@ -147,7 +149,7 @@ def list_block_errors(table: SessionTable, within: Holdout, noise: float) -> lis
                 trials=int(known.sum()),
                 before=float(np.sqrt(np.mean(before[known] ** 2))),
                 after=float(np.sqrt(np.mean(after[known] ** 2))),
-                noise=noise,
+                noise=noise_rms,
             )
         )
     return errors

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from scipy import stats
 
-from stepblocks.lawsearch.adequacy import find_largest_shares, fit_without_each_channel
+from stepblocks.lawsearch.adequacy import find_largest_gain_shares, fit_without_each_channel
 from stepblocks.lawsearch.findings import Explanation, Finding, Verdict
 from stepblocks.lawsearch.fit import fit, fit_without
 from stepblocks.lawsearch.law import Law
@@ -14,7 +14,7 @@ from stepblocks.lawsearch.problem import Fit, Problem
 from stepblocks.loop.bench_model import SessionModel
 from stepblocks.loop.session_table import SessionTable
 from stepblocks.rig.effects.named import list_named_laws
-from stepblocks.rig.forward import name_height_error
+from stepblocks.rig.forward import make_height_error_name
 
 _TOLERANCE = 2.0  # standard deviations that a height which nobody measured may be off by
 _WIDE = 1.96  # standard uncertainties beyond its tolerance from which a height is named
@@ -47,7 +47,7 @@ def add_height_findings(explanation: Explanation, table: SessionTable) -> Explan
     start = dict(fitted.values)
     for law, block in zip(laws, beyond, strict=True):
         name = f"{law.id}.height_error_m"
-        start[name] = fitted.values.get(name, 0.0) + fitted.values[name_height_error(block)]
+        start[name] = fitted.values.get(name, 0.0) + fitted.values[make_height_error_name(block)]
     named = fitted.effect_ids
     new_laws, p_values = [], []
     for law, p_value in zip(laws, beyond.values(), strict=True):
@@ -83,7 +83,7 @@ def _find_blocks_beyond_tolerance(fitted: Fit, table: SessionTable) -> dict[str,
     for block in np.unique(table.trials.block).tolist():
         if block in scanned:
             continue
-        name = name_height_error(block)
+        name = make_height_error_name(block)
         excess = abs(fitted.values.get(name, 0.0)) - tolerance
         if f"block_height_error~{block}" in named or excess > _WIDE * fitted.std[name]:
             found[block] = float(stats.norm.sf(excess / fitted.std[name]))
@@ -104,7 +104,7 @@ def _make_height_finding(problem: Problem, extended: Fit, law: Law, p_value: flo
     """Make the finding of an erroneous height of a block."""
     without = fit_without(problem, extended, law)
     without_channel = fit_without_each_channel(problem, extended)
-    shares = find_largest_shares(without, extended, without_channel)
+    shares = find_largest_gain_shares(without, extended, without_channel)
     return Finding(
         effect=law,
         verdict=Verdict.EFFECT,

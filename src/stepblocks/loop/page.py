@@ -21,18 +21,18 @@ from stepblocks.lawsearch.adequacy import LEVEL
 from stepblocks.lawsearch.findings import Explanation
 from stepblocks.lawsearch.forward_model import Floats
 from stepblocks.lawsearch.law import Law
-from stepblocks.loop.bench_model import find_followed_column
+from stepblocks.loop.bench_model import get_covariate_column
 from stepblocks.loop.channels import CHANNELS_IN_WORDS, JUDGED, is_logarithm
 from stepblocks.loop.experiment import NextExperiment
 from stepblocks.loop.figures import AFTER, BEFORE, CHANNELS, plot_agreement
-from stepblocks.loop.finding import format_errors
+from stepblocks.loop.finding import format_held_out_errors
 from stepblocks.loop.record import Estimate, LoopRecord
 from stepblocks.loop.result import LoopResult
 from stepblocks.loop.words import (
     describe_covariate,
+    format_effect_name,
     format_name_in_words,
     format_value,
-    name_effect,
 )
 from stepblocks.quantities import format_column_label
 from stepblocks.records.model import WIDE
@@ -110,7 +110,7 @@ def render_loop_page(result: LoopResult, traces: Sequence[Path] = ()) -> str:
     """
     record, found = result.record, result.found
     encoded_traces = [_encode_data_url(path.read_bytes()) for path in traces]
-    residuals = [_draw_residuals(found, channel) for channel in _SHOWN_CHANNELS]
+    residuals = [_draw_channel_residuals(found, channel) for channel in _SHOWN_CHANNELS]
     return render_page(
         "stepblocks.loop",
         "loop.html.j2",
@@ -118,32 +118,32 @@ def render_loop_page(result: LoopResult, traces: Sequence[Path] = ()) -> str:
         asked=record.next_experiment or NextExperiment(()),
         plain=format_name_in_words,
         say=describe_covariate,
-        name_effect=name_effect,
+        name_effect=format_effect_name,
         value=format_value,
         residual_level=LEVEL,
         r=record,
-        errors=format_errors(record.nominal.error, record.extended.error),
-        constants=_list_constants(record),
+        errors=format_held_out_errors(record.nominal.error, record.extended.error),
+        constants=_list_extended_model_constants(record),
         traces=encoded_traces,
         agreement=_draw_agreement(found),
         residuals=residuals,
-        curves=_draw_effects(result),
+        curves=_draw_effect_curves(result),
     )
 
 
-def _list_constants(record: LoopRecord) -> list[tuple[str, Estimate]]:
+def _list_extended_model_constants(record: LoopRecord) -> list[tuple[str, Estimate]]:
     """List the constants of the extended model by name, without the parameters of its effects."""
     parameters = record.extended.parameters.items()
     return [(name, estimate) for name, estimate in parameters if "." not in name]
 
 
-def _draw_effects(result: LoopResult) -> list[Picture]:
+def _draw_effect_curves(result: LoopResult) -> list[Picture]:
     """Draw the curve of every effect that was found."""
     pictures = []
     for finding, entry in zip(result.found.findings, result.record.effects, strict=True):
         # the name is that of the record: one that was withdrawn there is not claimed here
         name = entry.id.removesuffix(f"_{entry.covariate}").replace("_", " ")
-        pictures.append(_draw_effect(result, finding.effect, name))
+        pictures.append(_draw_effect_curve(result, finding.effect, name))
     return pictures
 
 
@@ -168,7 +168,7 @@ def _draw_agreement(explanation: Explanation) -> str:
     return _draw_as_data_url(figure)
 
 
-def _draw_residuals(explanation: Explanation, channel: str) -> Picture:
+def _draw_channel_residuals(explanation: Explanation, channel: str) -> Picture:
     """Draw the residuals of one channel against every covariate that varies, before and after."""
     trials = explanation.problem.trials
     j = trials.channels.index(channel)
@@ -179,7 +179,7 @@ def _draw_residuals(explanation: Explanation, channel: str) -> Picture:
     figure, grid = make_figure_and_axes(rows, _COLUMNS, width=11.0, height=2.6 * rows)
     axes = grid.ravel()
     for axis, (name, column) in zip(axes, columns.items(), strict=False):
-        _draw_residual(axis, name, column, before, after)
+        _draw_residuals_against_covariate(axis, name, column, before, after)
         axis.sharey(axes[0])
     for axis in axes[len(columns) :]:
         axis.set_visible(False)
@@ -196,15 +196,15 @@ def _list_varying_columns(explanation: Explanation) -> dict[str, NDArray[np.gene
     for name, column in trials.covariates.items():
         if len(np.unique(column)) > 1:
             columns[name] = column
-    columns[PEAK_FORCE] = find_followed_column(trials, explanation.extended.predicted, PEAK_FORCE)
+    columns[PEAK_FORCE] = get_covariate_column(trials, explanation.extended.predicted, PEAK_FORCE)
     return columns
 
 
-def _draw_residual(
+def _draw_residuals_against_covariate(
     axis: Axes, name: str, column: NDArray[np.generic], before: Floats, after: Floats
 ) -> None:
     """Draw residuals, of the nominal and of the extended model, against one covariate."""
-    abscissa = find_abscissa(np.asarray(column))
+    abscissa = compute_abscissa(np.asarray(column))
     axis.axhline(0.0, color="0.6", lw=0.8)
     axis.plot(abscissa.places, before, ".", ms=3, color=BEFORE, alpha=0.55, label="nominal")
     axis.plot(abscissa.places, after, ".", ms=3, color=AFTER, alpha=0.75, label="extended")
@@ -215,7 +215,7 @@ def _draw_residual(
         axis.locator_params("x", nbins=_MOST_TICKS)
 
 
-def find_abscissa(column: NDArray[np.generic]) -> Abscissa:
+def compute_abscissa(column: NDArray[np.generic]) -> Abscissa:
     """Find where to draw the trials of a column of shape (n,).
 
     Numbers are drawn where they are, labels in a row, of which those are written that have room
@@ -232,18 +232,18 @@ def find_abscissa(column: NDArray[np.generic]) -> Abscissa:
     return Abscissa(np.asarray(inverse, dtype=np.float64), ticks)
 
 
-def _draw_effect(result: LoopResult, effect: Law, name: str) -> Picture:
+def _draw_effect_curve(result: LoopResult, effect: Law, name: str) -> Picture:
     """Draw the change that an effect makes over what it follows, with its 95 % band."""
     shown = compute_effect_change(result.found, effect)
-    covariate = choose_covariate(result, effect)
+    covariate = choose_plotted_covariate(result, effect)
     trials = result.table.trials
-    column = find_followed_column(trials, result.found.extended.predicted, covariate)
-    abscissa = find_abscissa(column)
+    column = get_covariate_column(trials, result.found.extended.predicted, covariate)
+    abscissa = compute_abscissa(column)
     x, curve, band = average_by_setting(abscissa.places, shown.change, shown.std)
     channel = CHANNELS_IN_WORDS[result.found.problem.trials.channels[shown.channel]]
-    low = _convert_to_percent(curve - WIDE * band)
-    middle = _convert_to_percent(curve)
-    high = _convert_to_percent(curve + WIDE * band)
+    low = _convert_log_change_to_percent(curve - WIDE * band)
+    middle = _convert_log_change_to_percent(curve)
+    high = _convert_log_change_to_percent(curve + WIDE * band)
     figure, axis = make_figure_and_axes(width=6.0, height=3.4)
     if abscissa.ticks:  # nothing lies between two labels
         axis.errorbar(x, middle, (middle - low, high - middle), fmt="o", color=AFTER)
@@ -257,9 +257,9 @@ def _draw_effect(result: LoopResult, effect: Law, name: str) -> Picture:
     return Picture(title, _draw_as_data_url(figure))
 
 
-def _convert_to_percent(logarithm: Floats) -> Floats:
+def _convert_log_change_to_percent(log_change: Floats) -> Floats:
     """Turn a change of a logarithm into percents of the number itself."""
-    return np.asarray(100.0 * np.expm1(logarithm))
+    return np.asarray(100.0 * np.expm1(log_change))
 
 
 def compute_effect_change(explanation: Explanation, effect: Law) -> EffectChange:
@@ -268,7 +268,7 @@ def compute_effect_change(explanation: Explanation, effect: Law) -> EffectChange
     The uncertainty follows to first order from that of the parameters of the effect.
     """
     problem, fitted = explanation.problem, explanation.extended
-    other_effects = fitted.list_effects_beside(effect)
+    other_effects = fitted.list_other_active_effects(effect)
 
     def predict_change(values: Mapping[str, float]) -> Floats:
         """Predict the channels with the effect less those without it, shape (n, c)."""
@@ -293,7 +293,7 @@ def compute_effect_change(explanation: Explanation, effect: Law) -> EffectChange
     return EffectChange(channel, base[:, channel], np.sqrt(np.maximum(variance, 0.0)))
 
 
-def choose_covariate(result: LoopResult, effect: Law) -> str:
+def choose_plotted_covariate(result: LoopResult, effect: Law) -> str:
     """Choose over what an effect is drawn: what it follows, or the height where that is nothing."""
     known = (*result.table.trials.covariates, PEAK_FORCE, SPEED_OVER_LOAD)
     if effect.covariate in known:
@@ -301,20 +301,22 @@ def choose_covariate(result: LoopResult, effect: Law) -> str:
     return "height_um"
 
 
-def average_by_setting(along: Floats, values: Floats, std: Floats) -> tuple[Floats, Floats, Floats]:
+def average_by_setting(
+    abscissa_values: Floats, values: Floats, std: Floats
+) -> tuple[Floats, Floats, Floats]:
     """Average values over trials of one setting, or of neighbouring settings where they are many.
 
     Parameters
     ----------
-    along, values, std : Floats
+    abscissa_values, values, std : Floats
         Shape (n,): setting, value and uncertainty of each trial.
 
     Returns
     -------
-    along, values, std : arrays of shape (m,)
+    abscissa_values, values, std : arrays of shape (m,)
         Means of each group, in the order of the settings.
     """
-    table = pd.DataFrame({"along": along, "values": values, "std": std})
+    table = pd.DataFrame({"along": abscissa_values, "values": values, "std": std})
     groups = table["along"]
     if groups.nunique() > _FINE:
         count = min(_MOST_GROUPS, max(_FEWEST_GROUPS, len(table) // _TRIALS_PER_GROUP))

@@ -306,7 +306,7 @@ class LoopRecord:
 
     def as_document(self) -> dict[str, Any]:
         """Return the record in its form in JSON, without the number of the schema."""
-        return _convert_fields(self)
+        return _convert_fields_to_json_values(self)
 
 
 @runtime_checkable
@@ -316,35 +316,35 @@ class _HasJsonForm(Protocol):
     def as_json(self) -> Mapping[str, object]: ...
 
 
-def convert_to_plain(value: object) -> Any:
+def convert_to_json_values(value: object) -> Any:
     """Turn records into objects, lists and plain values, as `json.dumps` takes them.
 
     Not-a-number stays what it is.
     """
     if isinstance(value, _HasJsonForm):
-        return convert_to_plain(value.as_json())
+        return convert_to_json_values(value.as_json())
     if is_dataclass(value):
-        return _convert_fields(value)
+        return _convert_fields_to_json_values(value)
     if isinstance(value, ExcludedTrial):
         return value._asdict()
     if isinstance(value, Mapping):
-        return {key: convert_to_plain(item) for key, item in value.items()}
+        return {key: convert_to_json_values(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [convert_to_plain(item) for item in value]
+        return [convert_to_json_values(item) for item in value]
     if isinstance(value, Enum):
         return value.value
     return value
 
 
-def _convert_fields(record: Any) -> dict[str, Any]:
+def _convert_fields_to_json_values(record: Any) -> dict[str, Any]:
     """Turn the fields of a dataclass into plain values by their names."""
     plain = {}
     for field in fields(record):
-        plain[field.name] = convert_to_plain(getattr(record, field.name))
+        plain[field.name] = convert_to_json_values(getattr(record, field.name))
     return plain
 
 
-def format_document(document: Mapping[str, object]) -> str:
+def format_json_document(document: Mapping[str, object]) -> str:
     """Write a document as the text of a JSON file.
 
     Numbers that JSON cannot hold become null.

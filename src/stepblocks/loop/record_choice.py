@@ -17,7 +17,9 @@ _BETTER = 0.005  # chance below which the smaller errors in one of two channels 
 _WORSE = 0.05  # the same for larger errors in the other channel
 
 
-def choose_records(of_features: LoopResult, of_records: SessionTable, seed: int) -> RecordChoice:
+def compare_features_with_records(
+    feature_result: LoopResult, record_table: SessionTable, seed: int
+) -> RecordChoice:
     """Compare how well the model of a session predicts its features and its whole records.
 
     The effects are those that the features show. Their numbers are fitted anew to either table,
@@ -26,9 +28,9 @@ def choose_records(of_features: LoopResult, of_records: SessionTable, seed: int)
 
     Parameters
     ----------
-    of_features : LoopResult
+    feature_result : LoopResult
         What the features of the session came to.
-    of_records : SessionTable
+    record_table : SessionTable
         The same session, with the values of the whole records.
     seed : int
         By which trials are held out.
@@ -39,11 +41,13 @@ def choose_records(of_features: LoopResult, of_records: SessionTable, seed: int)
         Whole records stand where they are predicted better in energy or peak force, and no worse
         in the other.
     """
-    errors = _predict_held_out(of_features, of_features.table, seed)
-    record_errors = _predict_held_out(of_features, of_records, seed)
+    errors = _compute_held_out_errors(feature_result, feature_result.table, seed)
+    record_errors = _compute_held_out_errors(feature_result, record_table, seed)
     names = errors.index.intersection(record_errors.index)
-    energy = _compare_errors(errors.loc[names, ENERGY], record_errors.loc[names, ENERGY])
-    force = _compare_errors(errors.loc[names, PEAK_FORCE], record_errors.loc[names, PEAK_FORCE])
+    energy = _compare_held_out_errors(errors.loc[names, ENERGY], record_errors.loc[names, ENERGY])
+    force = _compare_held_out_errors(
+        errors.loc[names, PEAK_FORCE], record_errors.loc[names, PEAK_FORCE]
+    )
     return RecordChoice(
         ln_energy=energy,
         ln_peak_force=force,
@@ -51,7 +55,7 @@ def choose_records(of_features: LoopResult, of_records: SessionTable, seed: int)
     )
 
 
-def _predict_held_out(result: LoopResult, table: SessionTable, seed: int) -> pd.DataFrame:
+def _compute_held_out_errors(result: LoopResult, table: SessionTable, seed: int) -> pd.DataFrame:
     """Predict a table with the effects of a result; errors by trial (rows) and channel."""
     extended = result.found.extended
     trials = table.trials
@@ -59,16 +63,18 @@ def _predict_held_out(result: LoopResult, table: SessionTable, seed: int) -> pd.
     folds = build_folds(problem, split_within_blocks(trials, _FOLDS, seed))
     candidates = table.model.candidates
     predictor = HeldOutPredictor(problem, fit(problem, ()), [folds], candidates)
-    errors: Floats = predictor.compute_errors(extended.effects, extended.values)[0]
+    errors: Floats = predictor.compute_held_out_errors(extended.effects, extended.values)[0]
     return pd.DataFrame(errors, index=pd.Index(table.names))
 
 
-def _compare_errors(of_features: "pd.Series[float]", of_records: "pd.Series[float]") -> HeldOutPair:
+def _compare_held_out_errors(
+    feature_errors: "pd.Series[float]", record_errors: "pd.Series[float]"
+) -> HeldOutPair:
     """Compare the errors of the same trials, of features and of whole records."""
     from scipy.stats import wilcoxon
 
-    features = np.abs(of_features.to_numpy(dtype=np.float64))
-    records = np.abs(of_records.to_numpy(dtype=np.float64))
+    features = np.abs(feature_errors.to_numpy(dtype=np.float64))
+    records = np.abs(record_errors.to_numpy(dtype=np.float64))
     known = np.isfinite(features) & np.isfinite(records)
     features, records = features[known], records[known]
     better = worse = 1.0
@@ -100,7 +106,7 @@ def _are_whole_records_better(energy: HeldOutPair, force: HeldOutPair) -> bool:
     return False
 
 
-def describe_choice(choice: RecordChoice) -> str:
+def describe_record_choice(choice: RecordChoice) -> str:
     """Say in a sentence which values stand, and by how much they are predicted better."""
     energy = choice.ln_energy
     figures = (

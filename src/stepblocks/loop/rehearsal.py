@@ -75,7 +75,7 @@ class RehearsedSession:
 
 def rehearse_session(
     plan: SessionPlan,
-    count: int,
+    rehearsal_count: int,
     progress: Callable[[int, int], None],
     *,
     jobs: int | None = None,
@@ -86,7 +86,7 @@ def rehearse_session(
     Parameters
     ----------
     plan : SessionPlan
-    count : int
+    rehearsal_count : int
         Of rehearsals.
     progress : callable
         Receives how many of how many rehearsals are done.
@@ -96,9 +96,9 @@ def rehearse_session(
         A Dask cluster; its workers return what they find, and need no shared folder.
     """
     calls = []
-    for number in range(count):
+    for number in range(rehearsal_count):
         calls.append((plan.model_copy(update={"seed": plan.seed + number, "effects": ()}),))
-    processes = min(jobs or count_cores(), count)
+    processes = min(jobs or count_cores(), rehearsal_count)
     verdicts: list[str] = []
     locked: list[int] = []
     sizes: dict[_EffectKey, list[float]] = {}
@@ -106,7 +106,7 @@ def rehearse_session(
         verdicts.append(session.verdict)
         locked.append(session.locked)
         _add_detectable_sizes(sizes, session.could_have_shown)
-        progress(len(verdicts), count)
+        progress(len(verdicts), rehearsal_count)
     could_show = []
     for key, of_rehearsals in sizes.items():
         size = format_value(statistics.median(of_rehearsals), key.unit)

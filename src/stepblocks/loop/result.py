@@ -13,10 +13,10 @@ from stepblocks.lawsearch.holdout import Holdout
 from stepblocks.lawsearch.problem import Fit
 from stepblocks.loop.bench_model import thaw_laws
 from stepblocks.loop.figures import plot_agreement
-from stepblocks.loop.finding import write_summary
+from stepblocks.loop.finding import format_summary
 from stepblocks.loop.record import LoopRecord, RecordChoice, UnusedScan
 from stepblocks.loop.session_table import SessionTable
-from stepblocks.loop.words import begin_sentence
+from stepblocks.loop.words import capitalise_first_letter
 from stepblocks.records.model import LearnedFit, LearnedModel
 from stepblocks.rig.effects.grammar.covariates import CovariateRange
 
@@ -68,12 +68,12 @@ class LoopResult:
 
     def add_record_choice(self, choice: RecordChoice, sentence: str) -> "LoopResult":
         """Return the result with what was chosen between features and whole records."""
-        headline = (*self.record.headline, begin_sentence(sentence))
+        headline = (*self.record.headline, capitalise_first_letter(sentence))
         record = replace(self.record, record_choice=choice, headline=headline)
         return replace(self, record=record)
 
     def __repr__(self) -> str:
-        return f"LoopResult({write_summary(self.record)})"
+        return f"LoopResult({format_summary(self.record)})"
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw energies as measured against both models, into `ax` or new axes; return these."""
@@ -117,13 +117,13 @@ def build_learned_model(
         ranges=ranges,
         quantity_std=np.sqrt(scatter.quantities),
         channel_std=np.sqrt(scatter.channels),
-        nominal=_keep_fit(explanation.nominal),
-        extended=_keep_fit(explanation.extended),
+        nominal=_make_learned_fit(explanation.nominal),
+        extended=_make_learned_fit(explanation.extended),
         known_laws=thaw_laws(model.laws),
     )
 
 
-def _keep_fit(fitted: Fit) -> LearnedFit:
+def _make_learned_fit(fitted: Fit) -> LearnedFit:
     """Keep of a fit what predictions need."""
     units = tuple(p.unit for p in fitted.parameters)
     return LearnedFit(fitted.values, units, fitted.covariance, fitted.effects)

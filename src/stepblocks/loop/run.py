@@ -21,7 +21,7 @@ from stepblocks.files.atomic import lock_folder, replace_text
 from stepblocks.files.layout import UNDECLARED, TableLayout, refuse_declared_layout
 from stepblocks.lawsearch.claims import (
     choose_delivered_effects,
-    withdraw_claims,
+    withdraw_claims_for_hints,
     withdraw_unsupported_claims,
 )
 from stepblocks.lawsearch.explain import explain
@@ -31,18 +31,18 @@ from stepblocks.lawsearch.holdout import (
     Holdout,
     Rows,
     build_folds,
-    select_effects_without,
+    select_effects_without_fold,
     split_by_block,
     split_within_blocks,
 )
 from stepblocks.loop.bench_model import list_covariate_ranges
 from stepblocks.loop.block_scans import ScannedBlocks, Scans, measure_block_scans
-from stepblocks.loop.calibration_check import check_calibration, weigh_calibration
+from stepblocks.loop.calibration_check import apply_calibration_checks, check_calibration
 from stepblocks.loop.compose import compose_record
 from stepblocks.loop.experiment import format_block_stimulus
 from stepblocks.loop.heights import add_height_findings
-from stepblocks.loop.record import SCHEMA, format_document
-from stepblocks.loop.record_choice import choose_records, describe_choice
+from stepblocks.loop.record import SCHEMA, format_json_document
+from stepblocks.loop.record_choice import compare_features_with_records, describe_record_choice
 from stepblocks.loop.result import LoopResult, build_learned_model
 from stepblocks.loop.session_table import (
     Known,
@@ -146,7 +146,7 @@ def loop_session(
         )
         if place is not None:
             with lock_folder(place):
-                write_loop(result, place)
+                write_loop_result(result, place)
         return result
     folder = _SessionFolder.open(
         Path(session),
@@ -224,7 +224,7 @@ class _SessionFolder:
         from stepblocks.bench.trials import open_trials
         from stepblocks.bench.whole_records import (
             fit_session_records,
-            replace_by_whole_records,
+            replace_features_by_whole_records,
             write_record_rows,
         )
 
@@ -252,28 +252,30 @@ class _SessionFolder:
                 )
             with_conditions = replace_columns_by_conditions(features, conditions)
             sizes = self._find_block_sizes(with_conditions)
-            explain_table = partial(self._explain, sizes=sizes, jobs=cores, announce=announce)
+            explain_table = partial(
+                self._explain_features, sizes=sizes, jobs=cores, announce=announce
+            )
             result = explain_table(with_conditions)
             if self.whole_record:
                 rows = fit_session_records(self.folder, cores, layout, tool)
                 if output is not None:
                     write_record_rows(rows, output / "whole-record.csv")
-                replaced = replace_by_whole_records(
+                replaced = replace_features_by_whole_records(
                     features, rows, self.declared.probe.spring_constant
                 )
                 with_records = replace_columns_by_conditions(replaced, conditions)
-                choice = choose_records(
-                    result, self._build_table(with_records, sizes.scans), Rules().seed
+                choice = compare_features_with_records(
+                    result, self._build_session_table(with_records, sizes.scans), Rules().seed
                 )
                 if choice.whole_records_stand:
                     result = explain_table(with_records)
-                result = result.add_record_choice(choice, describe_choice(choice))
+                result = result.add_record_choice(choice, describe_record_choice(choice))
             if output is not None:
                 draw = partial(draw_trials, self.folder, tool=tool, layout=layout)
-                _write_with_traces(result, output, draw)
+                _write_result_with_apart_traces(result, output, draw)
         return result
 
-    def _explain(
+    def _explain_features(
         self, features: pd.DataFrame, sizes: ScannedBlocks, jobs: int, announce: Announce | None
     ) -> LoopResult:
         """Explain measured features with the sizes of the blocks that are known."""
@@ -306,7 +308,7 @@ class _SessionFolder:
                 scans[block] = dict(self.inspected[block])
         return replace(found, scans=scans)
 
-    def _build_table(self, features: pd.DataFrame, scans: Scans) -> SessionTable:
+    def _build_session_table(self, features: pd.DataFrame, scans: Scans) -> SessionTable:
         """Turn features into trials, with what the session declares of gauges and probe."""
         return build_session_table(
             features,
@@ -322,7 +324,7 @@ class _SessionFolder:
         return self.declared.probe.model_dump(include={"friction", "contact"}, exclude_none=True)
 
 
-def _write_with_traces(
+def _write_result_with_apart_traces(
     result: LoopResult, output: Path, draw_traces: Callable[[str, list[str]], list[Path]]
 ) -> None:
     """Write the result of a session, with figures of the trials that were held apart.
@@ -340,7 +342,7 @@ def _write_with_traces(
         figures: list[Path] = []
         if apart:
             figures = draw_traces(scratch, apart)
-        write_loop(result, output, figures)
+        write_loop_result(result, output, figures)
 
 
 def analyse_features(
@@ -401,7 +403,7 @@ def analyse_table(
     # the matrices are small: threads of the linear algebra only wait for each other
     with threadpool_limits(limits=1, user_api="blas"):
         explained = _explain_and_hold_out(table, rules, jobs, announce)
-        found, checks = weigh_calibration(
+        found, checks = apply_calibration_checks(
             explained.found, checks, has_prior_law=bool(table.model.laws)
         )
     within, between = explained.within, explained.between
@@ -460,7 +462,7 @@ def _explain_and_hold_out(
         add_height_findings(found, table), (inside, outside), model.candidates
     )
     return _Explained(
-        withdraw_claims(found, hints),
+        withdraw_claims_for_hints(found, hints),
         Holdout(*within, selected=tuple(of_inside)),
         Holdout(*between, selected=tuple(of_outside)),
     )
@@ -489,10 +491,10 @@ def _search_without_each_fold(
 ) -> list[tuple[str, ...]]:
     """Search once without the trials of each fold, and return the names of the effects found."""
     search_without = partial(
-        select_effects_without,
-        candidates=table.model.candidates,
+        select_effects_without_fold,
+        list_candidates=table.model.candidates,
         rules=rules,
-        values=found.extended.values,
+        fitted_values=found.extended.values,
     )
     calls = [(fold,) for fold in folds]
     selected: list[tuple[str, ...]] = []
@@ -505,7 +507,7 @@ def _search_without_each_fold(
     return selected
 
 
-def write_loop(result: LoopResult, output: Path, traces: Sequence[Path] = ()) -> None:
+def write_loop_result(result: LoopResult, output: Path, traces: Sequence[Path] = ()) -> None:
     """Write result.json, model.json and report.html, each at once.
 
     Where a block is asked for, next-block.toml is written too.
@@ -521,8 +523,8 @@ def write_loop(result: LoopResult, output: Path, traces: Sequence[Path] = ()) ->
     from stepblocks.loop.page import render_loop_page
 
     document = {"schema": SCHEMA, **result.document}
-    replace_text(output / "result.json", format_document(document))
-    replace_text(output / "model.json", format_document(build_model_document(result.model)))
+    replace_text(output / "result.json", format_json_document(document))
+    replace_text(output / "model.json", format_json_document(build_model_document(result.model)))
     # a block that an earlier run asked for is not asked for any more
     (output / "next-block.toml").unlink(missing_ok=True)
     stimulus = format_block_stimulus(result.record.next_experiment)

@@ -10,7 +10,12 @@ import pandas as pd
 from stepblocks.bench.declared import USUAL_RING
 from stepblocks.bench.examine import TrialResult
 from stepblocks.bench.faults import TraceError
-from stepblocks.bench.measure import Progress, check_output, check_pilots, measure_pilots
+from stepblocks.bench.measure import (
+    Progress,
+    check_output,
+    check_pilots_against_session,
+    measure_pilots,
+)
 from stepblocks.bench.session import Session, open_session
 from stepblocks.bench.signal import Trace
 from stepblocks.bench.signal.screening import RATE_TOLERANCE, compute_sample_rate
@@ -20,9 +25,12 @@ from stepblocks.errors import BenchError
 from stepblocks.files.atomic import replace_text
 from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.lawsearch.forward_model import Floats
-from stepblocks.loop.calibration_check import check_quantity, find_declared_value
+from stepblocks.loop.calibration_check import (
+    check_declared_quantity,
+    compute_declared_ratio_and_std,
+)
 from stepblocks.loop.declared_checks import CalibrationCheck, Declared, RateCheck, SessionCheck
-from stepblocks.loop.record import SCHEMA, convert_to_plain, format_document
+from stepblocks.loop.record import SCHEMA, convert_to_json_values, format_json_document
 from stepblocks.loop.session_table import estimate_unloaded_zeros
 
 _FEWEST_SAMPLES = 2  # of a record that has a rate
@@ -66,14 +74,14 @@ def check_session(
     """
     if output is not None:
         check_output(Path(session), Path(output))
-    check = _hold_against_declaration(Path(session), layout, progress)
+    check = _compare_traces_with_declaration(Path(session), layout, progress)
     if output is not None:
-        document = {"schema": SCHEMA, **convert_to_plain(check)}
-        replace_text(Path(output), format_document(document))
+        document = {"schema": SCHEMA, **convert_to_json_values(check)}
+        replace_text(Path(output), format_json_document(document))
     return check
 
 
-def _hold_against_declaration(
+def _compare_traces_with_declaration(
     session: Path, layout: TableLayout, progress: Progress | None
 ) -> SessionCheck:
     """Measure some trials of a session, and hold them against what it declares."""
@@ -83,9 +91,9 @@ def _hold_against_declaration(
     slip = ""
     with _ClockedTraces(declared) as traces:
         results = measure_pilots(traces, table, progress)
-        rate = _check_rate(traces, results)
+        rate = _check_sample_rate(traces, results)
         try:
-            check_pilots(traces, results)
+            check_pilots_against_session(traces, results)
         except BenchError as error:
             slip = str(error)
     measured, faults = [], []
@@ -104,8 +112,8 @@ def _hold_against_declaration(
         measured=len(measured),
         reason=reason,
         spring_constant=declared.probe.spring_constant,
-        spring=_compare_with_session(Declared.SPRING, declared, measured),
-        load=_compare_with_session(Declared.LOAD, declared, measured),
+        spring=_compare_quantity_with_declaration(Declared.SPRING, declared, measured),
+        load=_compare_quantity_with_declaration(Declared.LOAD, declared, measured),
         rate=rate,
         ring_frequency=ring,
         rings_as_usual=ring is not None and lowest <= ring <= highest,
@@ -114,7 +122,7 @@ def _hold_against_declaration(
     )
 
 
-def _compare_with_session(
+def _compare_quantity_with_declaration(
     quantity: Declared, declared: Session, measured: Sequence[TrialResult]
 ) -> CalibrationCheck | None:
     """Hold what measured trials show of one quantity against the session; None of too few."""
@@ -124,14 +132,16 @@ def _compare_with_session(
     features = pd.DataFrame([result.features for result in measured])
     loads = np.array([result.trial.load for result in measured])
     known = {**estimate_unloaded_zeros(features), **declared.calibration.list_known_constants()}
-    shown = _read_feature(measured, "normal_load_n") / loads
+    shown = _get_feature_values(measured, "normal_load_n") / loads
     if quantity is Declared.SPRING:
-        shown = _read_feature(measured, "spring_constant_n_per_m") / spring_constant
-    value = find_declared_value(quantity, known, spring_constant, float(np.median(loads)))
-    return check_quantity(quantity, shown, value)
+        shown = _get_feature_values(measured, "spring_constant_n_per_m") / spring_constant
+    value = compute_declared_ratio_and_std(
+        quantity, known, spring_constant, float(np.median(loads))
+    )
+    return check_declared_quantity(quantity, shown, value)
 
 
-def _read_feature(measured: Sequence[TrialResult], name: str) -> Floats:
+def _get_feature_values(measured: Sequence[TrialResult], name: str) -> Floats:
     """Read one feature of measured trials, of shape (n,)."""
     return np.array([result.features[name] for result in measured], dtype=np.float64)
 
@@ -150,7 +160,7 @@ class _ClockedTraces(Traces):
             self._rates[trial] = compute_sample_rate(trace.time)
         return trace
 
-    def find_rate(self, trial: str) -> float | None:
+    def get_sample_rate(self, trial: str) -> float | None:
         """Return the rate of a trace [Hz]; None where it has none or cannot be read."""
         if trial not in self._rates:
             try:
@@ -160,14 +170,14 @@ class _ClockedTraces(Traces):
         return self._rates.get(trial)
 
 
-def _check_rate(traces: _ClockedTraces, results: Sequence[TrialResult]) -> RateCheck | None:
+def _check_sample_rate(traces: _ClockedTraces, results: Sequence[TrialResult]) -> RateCheck | None:
     """Hold the clock of the traces against the declared rate; None where they have no clock."""
     acquisition = traces.session.acquisition
     if acquisition.channels.time is None:
         return None
     ratios = []
     for result in results:
-        rate = traces.find_rate(result.trial.record or result.trial.name)
+        rate = traces.get_sample_rate(result.trial.record or result.trial.name)
         if rate is not None:
             ratios.append(rate / acquisition.sample_rate)
     if not ratios:
@@ -179,7 +189,7 @@ def _check_rate(traces: _ClockedTraces, results: Sequence[TrialResult]) -> RateC
 
 def _find_ring_frequency(measured: Sequence[TrialResult]) -> float | None:
     """Find the frequency at which the tool rings [Hz]; None where too few trials rang."""
-    rings = _read_feature(measured, "ring_frequency_hz")
+    rings = _get_feature_values(measured, "ring_frequency_hz")
     rings = rings[np.isfinite(rings)]
     if rings.size < _FEWEST_RINGS:
         return None

@@ -13,19 +13,19 @@ from stepblocks.contact.operating_point import PAPER, Limits, Tool
 from stepblocks.errors import PipelineError
 from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.lawsearch.forward_model import Floats, Trials
-from stepblocks.lawsearch.scatter import find_outliers
+from stepblocks.lawsearch.scatter import mark_outliers
 from stepblocks.lawsearch.structure import Hint
 from stepblocks.loop.bench_model import SessionModel
 from stepblocks.loop.block_scans import Scans
 from stepblocks.loop.channels import DECAY_TIME, JUDGED, PEAK_FORCE, RING_FREQUENCY
 from stepblocks.loop.columns import (
     FIRST_FIGURE,
-    count_gaps,
+    count_missing_by_column,
     derive_covariates,
     describe_clock_jumps,
     read_channels,
     read_covariates,
-    read_numbers,
+    read_numeric_column,
 )
 from stepblocks.loop.usable_trials import (
     CENSORED,
@@ -123,7 +123,7 @@ def build_session_table(
     selection = select_usable_trials(features, radius_um, spring_constant)
     usable = selection.usable
     if usable.sum() < _FEWEST_TRIALS:
-        raise PipelineError(_describe_shortage(usable, selection.excluded))
+        raise PipelineError(_describe_trial_shortage(usable, selection.excluded))
     table = features.loc[usable]
     covariates = dict(read_covariates(table))
     for name, column in derive_covariates(features).items():
@@ -131,7 +131,7 @@ def build_session_table(
     covariates["tip_radius_um"] = radius_um[usable]
     trials = _build_trials(table, covariates, spring_constant)
     names = table["trial"].to_numpy()
-    outlying = find_outliers(trials)
+    outlying = mark_outliers(trials)
     excluded = [*selection.excluded]
     for row, j in np.argwhere(outlying):
         reason = f"{CHANNELS[j]} lies far from all other trials"
@@ -153,14 +153,14 @@ def build_session_table(
         model=model,
         tip_radius_um=tip_radius * 1e6,
         measured=trials.values,
-        notes=(*_describe_gaps(table), *describe_clock_jumps(features)),
+        notes=(*_describe_missing_values(table), *describe_clock_jumps(features)),
     )
 
 
-def _describe_gaps(table: pd.DataFrame) -> list[str]:
+def _describe_missing_values(table: pd.DataFrame) -> list[str]:
     """Say in which columns of numbers trials have no value."""
     notes = []
-    for name, count in count_gaps(table).items():
+    for name, count in count_missing_by_column(table).items():
         what = format_column_label(name).partition(",")[0]
         notes.append(f"{count} of {len(table)} trials have no {what}: they speak about all else")
     return notes
@@ -191,7 +191,7 @@ def _complete_text_columns(features: pd.DataFrame) -> pd.DataFrame:
     return features.assign(trial=features["trial"].astype(str), status=status, reason=reason)
 
 
-def _describe_shortage(usable: NDArray[np.bool_], excluded: list[ExcludedTrial]) -> str:
+def _describe_trial_shortage(usable: NDArray[np.bool_], excluded: list[ExcludedTrial]) -> str:
     """Say how many trials can be used, and why most of the others cannot."""
     text = (
         f"at least {_FEWEST_TRIALS} good trials are needed, got {int(usable.sum())} of "
@@ -212,9 +212,9 @@ def _build_trials(
     # a peak without an uncertainty is a bound, and its trial measures no energy; where the normal
     # gauge alone was saturated both are whole
     censored = (table["status"] == CENSORED).to_numpy()
-    bounded = censored & ~np.isfinite(read_numbers(table, "peak_force_std_n"))
+    bounded = censored & ~np.isfinite(read_numeric_column(table, "peak_force_std_n"))
     floor = np.full(values.shape, np.nan)
-    floor[bounded, PEAK_FORCE] = np.log(read_numbers(table, "peak_force_n")[bounded])
+    floor[bounded, PEAK_FORCE] = np.log(read_numeric_column(table, "peak_force_n")[bounded])
     values[bounded, JUDGED] = np.nan
     block = table["block"].to_numpy(dtype=np.str_)
     return Trials(covariates, CHANNELS, values, std, block, floor)

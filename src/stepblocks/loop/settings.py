@@ -17,14 +17,14 @@ _HEIGHTS_UM = (5.0, 10.0, 15.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 90.0)
 _MOST_ROWS = 20_000
 
 
-def build_grid(trials: Trials, extra: Sequence[str]) -> Trials:
+def build_setting_grid(trials: Trials, extra_covariates: Sequence[str]) -> Trials:
     """Build a grid of all combinations of settings.
 
     Parameters
     ----------
     trials : Trials
         Trials of the session.
-    extra : sequence of str
+    extra_covariates : sequence of str
         Covariates that vary beside height, load and speed. All others are at their middle.
 
     Returns
@@ -33,11 +33,13 @@ def build_grid(trials: Trials, extra: Sequence[str]) -> Trials:
         One row for each combination, with nothing measured. Of more than `_MOST_ROWS` the first
         ones are kept.
     """
-    names = dict.fromkeys((*SHOWN, *extra, *trials.covariates))
+    names = dict.fromkeys((*SHOWN, *extra_covariates, *trials.covariates))
     settings: dict[str, list[object]] = {}
     for name in names:
-        settings[name] = _list_future_settings(trials, name, varied=name in (*SHOWN, *extra))
-    settings["height_um"] = [*_list_heights_um(trials)]
+        settings[name] = _list_future_settings(
+            trials, name, varied=name in (*SHOWN, *extra_covariates)
+        )
+    settings["height_um"] = [*_list_candidate_heights_um(trials)]
     rows = list(itertools.islice(itertools.product(*settings.values()), _MOST_ROWS))
     columns = {}
     for name, column in zip(settings, zip(*rows, strict=True), strict=True):
@@ -67,7 +69,7 @@ def _list_future_settings(trials: Trials, name: str, *, varied: bool) -> list[ob
     return [float(np.median(numbers))]
 
 
-def _list_heights_um(trials: Trials) -> list[float]:
+def _list_candidate_heights_um(trials: Trials) -> list[float]:
     """List the heights of the session and round ones between them [um]."""
     seen = trials.covariates["height_um"]
     least, greatest = seen.min(), seen.max()

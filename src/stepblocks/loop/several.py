@@ -24,14 +24,14 @@ from stepblocks.files.layout import UNDECLARED, TableLayout
 from stepblocks.lawsearch.findings import Rules
 from stepblocks.lawsearch.forward_model import Floats, Trials
 from stepblocks.lawsearch.problem import Fit
-from stepblocks.loop.bench_model import OF_A_DAY, SessionModel, name_in_session
+from stepblocks.loop.bench_model import OF_A_DAY, SessionModel, format_session_constant_name
 from stepblocks.loop.block_scans import Scans
-from stepblocks.loop.record import SCHEMA, convert_to_plain, format_document
+from stepblocks.loop.record import SCHEMA, convert_to_json_values, format_json_document
 from stepblocks.loop.result import LoopResult
-from stepblocks.loop.run import Announce, analyse_table, loop_session, write_loop
+from stepblocks.loop.run import Announce, analyse_table, loop_session, write_loop_result
 from stepblocks.loop.session_table import SessionTable
 from stepblocks.loop.usable_trials import ExcludedTrial
-from stepblocks.loop.words import begin_sentence
+from stepblocks.loop.words import capitalise_first_letter
 from stepblocks.records.model import WIDE, LearnedFit
 
 _LEVEL = 0.975  # quantile of a 95 % interval
@@ -213,14 +213,14 @@ def _refuse_contradicting_scans(block: str, models: Mapping[str, SessionModel]) 
     )
 
 
-def _join_common_covariates(parts: Sequence[Trials]) -> dict[str, NDArray[np.generic]]:
+def _join_common_covariates(session_trials: Sequence[Trials]) -> dict[str, NDArray[np.generic]]:
     """Join the covariates that all sessions have, but for days and readings of clocks."""
     joined: dict[str, NDArray[np.generic]] = {}
-    for name in parts[0].covariates:
+    for name in session_trials[0].covariates:
         if name == "day" or name.endswith(_CLOCK):
             continue
-        if all(name in trials.covariates for trials in parts):
-            joined[name] = np.concatenate([trials.covariates[name] for trials in parts])
+        if all(name in trials.covariates for trials in session_trials):
+            joined[name] = np.concatenate([trials.covariates[name] for trials in session_trials])
     return joined
 
 
@@ -265,7 +265,9 @@ def _get_censoring_floors(trials: Trials) -> Floats:
     return trials.floor
 
 
-def pool_parameter(unit: str, sessions: Mapping[str, float], covariance: Floats) -> PooledParameter:
+def pool_parameter(
+    unit: str, session_values: Mapping[str, float], covariance: Floats
+) -> PooledParameter:
     """Pool a parameter of which each session has its own value.
 
     Sessions are draws from a distribution: the spread among them is Paule and Mandel's estimate of
@@ -274,15 +276,15 @@ def pool_parameter(unit: str, sessions: Mapping[str, float], covariance: Floats)
     Parameters
     ----------
     unit : str
-    sessions : Mapping[str, float]
+    session_values : Mapping[str, float]
         Session to the value that it has; one alone where it is common to all of them.
     covariance : Floats
         Shape (s, s), of the errors of these values.
     """
     from statsmodels.regression.linear_model import GLS
 
-    n = len(sessions)
-    values = np.array(list(sessions.values()))
+    n = len(session_values)
+    values = np.array(list(session_values.values()))
     # in units of their errors: the search for a root has an absolute tolerance
     unit_variance = max(float(np.mean(np.diag(covariance))), _LEAST_VARIANCE)
     apart = np.eye(n) * unit_variance
@@ -310,7 +312,7 @@ def pool_parameter(unit: str, sessions: Mapping[str, float], covariance: Floats)
     shrunk = mean + ratio * apart @ np.linalg.solve(whole, values - mean)
     stds = np.sqrt(np.diag(covariance))
     of_sessions = {}
-    rows = zip(sessions.items(), stds.tolist(), shrunk.tolist(), strict=True)
+    rows = zip(session_values.items(), stds.tolist(), shrunk.tolist(), strict=True)
     for (session, value), std, drawn in rows:
         of_sessions[session] = SessionValue(value, std, drawn)
     return PooledParameter(
@@ -339,14 +341,16 @@ def pool_shared_parameters(fitted: Fit, sessions: Sequence[str]) -> dict[str, Po
     for parameter in fitted.parameters:
         plain_name = parameter.name.partition("[")[0]
         if plain_name in OF_A_DAY:
-            names = {session: name_in_session(plain_name, session) for session in sessions}
+            names = {
+                session: format_session_constant_name(plain_name, session) for session in sessions
+            }
         else:
             names = {"": parameter.name}
         rows, values = [], {}
         for session, name in names.items():
             rows.append(names_of_fit.index(name))
             values[session] = fitted.values[name]
-        pooled = _pool_by_nature(
+        pooled = _pool_on_natural_scale(
             plain_name, parameter.unit, values, fitted.covariance[np.ix_(rows, rows)]
         )
         if plain_name in OF_A_DAY:
@@ -357,14 +361,14 @@ def pool_shared_parameters(fitted: Fit, sessions: Sequence[str]) -> dict[str, Po
     return shared
 
 
-def _pool_by_nature(
-    name: str, unit: str, values: Mapping[str, float], covariance: Floats
+def _pool_on_natural_scale(
+    name: str, unit: str, session_values: Mapping[str, float], covariance: Floats
 ) -> PooledParameter:
     """Pool a parameter; one that is positive by nature as a logarithm, so that it stays so."""
-    if name not in _POSITIVE or min(values.values()) <= 0.0:
-        return pool_parameter(unit, values, covariance)
-    numbers = np.array(list(values.values()))
-    logarithms = {session: math.log(value) for session, value in values.items()}
+    if name not in _POSITIVE or min(session_values.values()) <= 0.0:
+        return pool_parameter(unit, session_values, covariance)
+    numbers = np.array(list(session_values.values()))
+    logarithms = {session: math.log(value) for session, value in session_values.items()}
     relative = covariance / np.outer(numbers, numbers)
     return pool_parameter(unit, logarithms, relative).convert_from_logarithm()
 
@@ -411,11 +415,13 @@ def _put_day_differences_first(
     record = result.record
     finding = record.finding[0].lower() + record.finding[1:]
     text = "; ".join([*sentences, finding])
-    lines = (*map(begin_sentence, sentences), *record.headline)
-    return replace(result, record=replace(record, finding=begin_sentence(text), headline=lines))
+    lines = (*map(capitalise_first_letter, sentences), *record.headline)
+    return replace(
+        result, record=replace(record, finding=capitalise_first_letter(text), headline=lines)
+    )
 
 
-def explain_together(
+def explain_sessions_together(
     tables: Mapping[str, SessionTable],
     scans: Scans,
     *,
@@ -449,13 +455,13 @@ def explain_together(
     model = replace(
         result.model,
         verdict="several sessions",
-        nominal=_predict_next_session(nominal, pool_shared_parameters(nominal, sessions)),
-        extended=_predict_next_session(extended, shared),
+        nominal=_build_next_session_fit(nominal, pool_shared_parameters(nominal, sessions)),
+        extended=_build_next_session_fit(extended, shared),
     )
     return replace(result, title=", ".join(tables), model=model), shared
 
 
-def _predict_next_session(fitted: Fit, shared: Mapping[str, PooledParameter]) -> LearnedFit:
+def _build_next_session_fit(fitted: Fit, shared: Mapping[str, PooledParameter]) -> LearnedFit:
     """Predict the constants and effects of a session that is yet to come."""
     values, units, variances = {}, [], []
     for name, pooled in shared.items():
@@ -502,7 +508,7 @@ def loop_sessions(
         If a session cannot be explained, two have one name, their springs or laws
         differ, or the output cannot be written.
     """
-    folders = _name_folders(sessions)
+    folders = _map_names_to_folders(sessions)
     _refuse_different_probes(folders)
     output = Path(output)
     with lock_folder(output):
@@ -521,23 +527,23 @@ def loop_sessions(
             )
             results[name] = result
             tables[name] = result.table
-            summaries[name] = _summarise(result)
-        together, shared = explain_together(
+            summaries[name] = _make_session_verdict(result)
+        together, shared = explain_sessions_together(
             tables,
-            _join_scans(results.values()),
+            _merge_scans(results.values()),
             jobs=jobs or count_cores(),
             announce=announce,
         )
-        write_loop(together, output)
+        write_loop_result(together, output)
         record = SessionsRecord(
-            together=_summarise(together), sessions=summaries, parameters=shared
+            together=_make_session_verdict(together), sessions=summaries, parameters=shared
         )
-        document: dict[str, Any] = convert_to_plain(record)
-        replace_text(output / "sessions.json", format_document({"schema": SCHEMA, **document}))
+        document: dict[str, Any] = convert_to_json_values(record)
+        replace_text(output / "sessions.json", format_json_document({"schema": SCHEMA, **document}))
     return document
 
 
-def _name_folders(sessions: Sequence[str | Path]) -> dict[str, Path]:
+def _map_names_to_folders(sessions: Sequence[str | Path]) -> dict[str, Path]:
     """Name each folder by its last part; two of one name are refused."""
     folders: dict[str, Path] = {}
     repeated = set()
@@ -570,7 +576,7 @@ def _refuse_different_probes(folders: Mapping[str, Path]) -> None:
     )
 
 
-def _join_scans(results: Iterable[LoopResult]) -> Scans:
+def _merge_scans(results: Iterable[LoopResult]) -> Scans:
     """Join the scans of the blocks of all sessions; those of the last session count."""
     scans: dict[str, Mapping[str, float]] = {}
     for result in results:
@@ -578,6 +584,6 @@ def _join_scans(results: Iterable[LoopResult]) -> Scans:
     return scans
 
 
-def _summarise(result: LoopResult) -> SessionVerdict:
+def _make_session_verdict(result: LoopResult) -> SessionVerdict:
     """Give verdict and finding of a session."""
     return SessionVerdict(str(result.verdict), result.record.finding)

@@ -7,7 +7,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from stepblocks.lawsearch.forward_model import Floats
-from stepblocks.loop.columns import read_numbers
+from stepblocks.loop.columns import read_numeric_column
 
 POSITIVE = ("height_um", "load_n", "speed_mm_s")  # columns that must hold positive numbers
 CENSORED = "censored"  # status of a trial whose gauge was saturated
@@ -93,15 +93,17 @@ def select_usable_trials(
     reasons = features["reason"].where(features["reason"] != "", features["status"])
     selection.leave_out(~features["status"].isin(_KEPT).to_numpy(), reasons)
     for name in POSITIVE:
-        numbers = read_numbers(features, name)
+        numbers = read_numeric_column(features, name)
         positive = np.isfinite(numbers) & (numbers > 0.0)
         selection.leave_out(~positive, f"{name} must be a positive number")
     _leave_out_impossible(selection, features, spring_constant)
-    too_high: NDArray[np.bool_] = np.greater_equal(read_numbers(features, "height_um"), radius_um)
+    too_high: NDArray[np.bool_] = np.greater_equal(
+        read_numeric_column(features, "height_um"), radius_um
+    )
     selection.leave_out(
         too_high, "the step is as high as the ball: equation (2) has no angle for it"
     )
-    figures = np.stack([read_numbers(features, name) for name in _FIGURES], axis=1)
+    figures = np.stack([read_numeric_column(features, name) for name in _FIGURES], axis=1)
     known = np.isfinite(figures)
     released = np.asarray(known[:, :2].any(axis=1))
     selection.leave_out(~released, "neither a peak force nor a vibration energy was measured")
@@ -115,10 +117,10 @@ def _leave_out_impossible(
     """Leave out trials whose spring or normal force cannot be that of the declared bench."""
     declared = {
         "spring_constant_n_per_m": np.full(len(features), spring_constant),
-        "normal_load_n": read_numbers(features, "load_n"),
+        "normal_load_n": read_numeric_column(features, "load_n"),
     }
     for name, expected in declared.items():
-        measured = read_numbers(features, name)
+        measured = read_numeric_column(features, name)
         too_small = measured * _IMPOSSIBLE < expected
         too_large = measured > _IMPOSSIBLE * expected
         selection.leave_out(

@@ -62,25 +62,25 @@ def format_name_in_words(name: str) -> str:
     return words.replace("[", " of ").replace("]", "").strip()
 
 
-def name_effect(name: str, covariate: str = "") -> str:
+def format_effect_name(effect_id: str, covariate: str = "") -> str:
     """Name an effect in words by its name in result.json.
 
     Parameters
     ----------
-    name : str
+    effect_id : str
     covariate : str
         What the effect follows, as its record has it; empty where it has no record.
     """
     ending = f"_{covariate}"
-    if covariate in _UNFOLLOWED or ending not in name:
-        return format_name_in_words(name)
-    plain = format_name_in_words(name.replace(ending, ""))
+    if covariate in _UNFOLLOWED or ending not in effect_id:
+        return format_name_in_words(effect_id)
+    plain = format_name_in_words(effect_id.replace(ending, ""))
     for shape, words in _SHAPES.items():
         plain = plain.replace(shape, words)
     return f"{plain.strip()} over {describe_covariate(covariate)}"
 
 
-def begin_sentence(text: str) -> str:
+def capitalise_first_letter(text: str) -> str:
     """Return a text with a capital letter, as a sentence or a line begins."""
     return text[0].upper() + text[1:]
 
@@ -130,17 +130,21 @@ def find_difference_unit(covariate: str) -> str:
     return covariate
 
 
-def find_slope_unit(where: CovariateRange) -> tuple[float, str]:
+def find_slope_factor_and_unit(covariate_range: CovariateRange) -> tuple[float, str]:
     """Find the factor from a slope per half range to a slope per unit, and the unit of the latter.
 
     For a pair of covariates both are products.
     """
-    if where.is_grouped:
-        return find_slope_unit(where.pair[1])
-    if where.pair:
-        first_factor, first_unit = find_slope_unit(where.pair[0])
-        second_factor, second_unit = find_slope_unit(where.pair[1])
+    if covariate_range.is_grouped:
+        return find_slope_factor_and_unit(covariate_range.pair[1])
+    if covariate_range.pair:
+        first_factor, first_unit = find_slope_factor_and_unit(covariate_range.pair[0])
+        second_factor, second_unit = find_slope_factor_and_unit(covariate_range.pair[1])
         return first_factor * second_factor, f"{first_unit} {second_unit}"
-    if where.log:
-        return 2.0 / float(np.log(where.high / where.low)), f"1/ln {where.name}"
-    return 2.0 / (where.high - where.low), f"1/{find_difference_unit(where.name)}"
+    if covariate_range.log:
+        return 2.0 / float(
+            np.log(covariate_range.high / covariate_range.low)
+        ), f"1/ln {covariate_range.name}"
+    return 2.0 / (
+        covariate_range.high - covariate_range.low
+    ), f"1/{find_difference_unit(covariate_range.name)}"

@@ -15,7 +15,7 @@ from stepblocks.contact.operating_point import (
     Tissue,
     Tool,
 )
-from stepblocks.contact.rod import Rod, RodRing, Sleeve, compute_rod_ring, fit_rod
+from stepblocks.contact.rod import Rod, RodRing, Sleeve, compute_rod_ring, solve_rod_for_tool
 from stepblocks.parts.declared import (
     Identity,
     Sourced,
@@ -235,7 +235,7 @@ class ProbeSpec(Table):
 
     def make_rod(self) -> Rod:
         """Return the rod that it is taken for."""
-        return fit_rod(
+        return solve_rod_for_tool(
             self.stiffness.value,
             self.frequency.value,
             self.decay_time.value,

@@ -14,7 +14,7 @@ from stepblocks.contact.felt_limits import (
     Deviations,
     EnergyBounds,
     FeltLimits,
-    compute_energy_changes,
+    compute_extreme_energy_changes,
     find_felt_limits,
 )
 from stepblocks.contact.operating_point import WEBER_FRACTION, OperatingPoint
@@ -160,7 +160,7 @@ def resolve_felt_tolerance(part: Part, grid: PredictionGrid) -> Part:
     kept = {**fixed, **limits}
     fall, rise = 0.0, 0.0
     for face, point in conditions:
-        weakest, strongest = compute_energy_changes(face, point, kept)
+        weakest, strongest = compute_extreme_energy_changes(face, point, kept)
         fall = min(fall, math.expm1(weakest))
         rise = max(rise, math.expm1(strongest))
     verdict = FeltVerdict(kept["friction"], fall, rise, len(conditions))

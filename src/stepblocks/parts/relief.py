@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from typing import ClassVar
 
-from stepblocks.contact.relieved_step import RelievedStep, describe_least_riding_ball
+from stepblocks.contact.relieved_step import RelievedStep, format_least_riding_ball
 from stepblocks.parts.body import Body
 from stepblocks.parts.body_solid import compute_cutout_volume
 from stepblocks.parts.characteristics import (
@@ -110,4 +110,4 @@ def list_untouched_ball_rows(face: object) -> list[LabelledText]:
     """Return a row that says which balls do not touch the relief; no row for a plain step."""
     if not isinstance(face, RelievedStep):
         return []
-    return [["balls that do not reach the relief", describe_least_riding_ball(face)]]
+    return [["balls that do not reach the relief", format_least_riding_ball(face)]]

@@ -5,10 +5,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
-from stepblocks.contact.counterface import FurtherStep, find_scanned_angle
+from stepblocks.contact.counterface import FurtherStep, find_critical_angle_of_scan
 from stepblocks.contact.energy import Release, find_release
 from stepblocks.contact.energy_change import find_energy_change
-from stepblocks.contact.relieved_step import RelievedStep, describe_least_riding_ball
+from stepblocks.contact.relieved_step import RelievedStep, format_least_riding_ball
 from stepblocks.contact.uncertainty import Interval
 from stepblocks.declaration.set import StimulusSet
 from stepblocks.errors import PipelineError
@@ -179,7 +179,9 @@ def make_surface_release_function(
         record = records.get(stimulus)
         if record is None or record.surface is None:
             return None
-        return find_scanned_angle(record.surface.position, record.surface.height, ball_radius)
+        return find_critical_angle_of_scan(
+            record.surface.position, record.surface.height, ball_radius
+        )
 
     def release_over_surface(prediction: Prediction) -> Release | None:
         """Return the release over the scanned surface; None of a second edge or without a scan."""
@@ -220,7 +222,7 @@ def _refuse_relief_before_slope(prediction: Prediction) -> None:
     face = prediction.face
     if isinstance(face, RelievedStep) and prediction.point.ball_radius < face.least_riding_ball:
         raise PipelineError(
-            f"a ball must have {describe_least_riding_ball(face)} to be predicted from the record "
+            f"a ball must have {format_least_riding_ball(face)} to be predicted from the record "
             f"of {prediction.stimulus}, whose riser slopes beside its relief, got "
             f"{prediction.point.ball_radius * 1e6:g} um"
         )

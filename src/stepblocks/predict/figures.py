@@ -41,7 +41,7 @@ def compute_margin_map_forces(
 def _compute_peak_forces(angles: Array, point: OperatingPoint) -> Array:
     """Return peak forces [N] for critical angles; the unit spring does not affect them."""
     forces: Array
-    forces, _ = kernels.compute_force_and_energy(
+    forces, _ = kernels.compute_release_force_and_energy(
         angles, point.friction, point.normal_load, 1.0, 1.0
     )
     return forces

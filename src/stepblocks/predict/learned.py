@@ -26,11 +26,11 @@ from stepblocks.rig.forward import (
     build_bench_design,
     build_extended_state,
     compute_channel_responses,
-    list_covariate_columns,
-    name_height_error,
+    make_height_error_name,
     parse_tip_radius_um,
+    split_covariate_columns,
 )
-from stepblocks.rig.state import CHANNELS, DragState, Floats, compute_channels
+from stepblocks.rig.state import CHANNELS, DragState, Floats, compute_shown_channels
 
 Columns = Mapping[str, NDArray[np.generic]]  # covariates of trials, by name
 
@@ -104,11 +104,14 @@ def predict_with_model(
     extended = _predict_channels(design, learned.extended, learned)
     nominal = _predict_channels(design, learned.nominal, learned)
     trials = table["trial"].to_numpy()
-    result = {"trial": trials, "status": conditions.describe_statuses(extended.state.find_locked())}
+    result = {
+        "trial": trials,
+        "status": conditions.describe_statuses(extended.state.mark_locked_trials()),
+    }
     # first the values, then their intervals
     for ends in ({"": 0.0}, {"_low": -WIDE, "_high": WIDE}):
         for prefix, channels in (("", extended), ("nominal_", nominal)):
-            is_missing = channels.state.find_locked() | conditions.is_invalid
+            is_missing = channels.state.mark_locked_trials() | conditions.is_invalid
             for figure, channel in _FIGURES.items():
                 for end, shift in ends.items():
                     name = prefix + figure.format(end)
@@ -170,7 +173,7 @@ def _read_conditions(table: pd.DataFrame, learned: LearnedModel) -> _Conditions:
     """Read the columns that a model needs from a table of trials."""
     covariates: set[str] = set()
     for law in learned.extended.laws:
-        covariates.update(list_covariate_columns(law.covariate))
+        covariates.update(split_covariate_columns(law.covariate))
     needed = ("trial", "block", *_POSITIVE, *sorted(covariates))
     missing = [name for name in needed if name not in table.columns]
     if missing:
@@ -220,7 +223,7 @@ def _predict_channels(
 ) -> _ChannelPrediction:
     """Predict channels of single trials, with all that is uncertain about them."""
     state = build_extended_state(design, fitted.values, fitted.list_active_effects())
-    mean = compute_channels(state)
+    mean = compute_shown_channels(state)
     jacobian = _compute_jacobian(design, fitted, mean)
     variance = (
         np.einsum("nci,ij,ncj->nc", jacobian, fitted.covariance, jacobian)
@@ -231,12 +234,12 @@ def _predict_channels(
         variance += unseen
     known_blocks = []
     for block in learned.blocks:
-        if name_height_error(block) in fitted.values:
+        if make_height_error_name(block) in fitted.values:
             known_blocks.append(block)
     is_unknown = ~np.isin(design.block, known_blocks)
     if np.any(is_unknown):
         # the height of a block that was never measured is as uncertain as its prior
-        higher = compute_channels(state.changed(height=state.height + _HEIGHT_STEP))
+        higher = compute_shown_channels(state.changed(height=state.height + _HEIGHT_STEP))
         slope = (higher - mean) / _HEIGHT_STEP
         variance += np.where(is_unknown[:, None], (slope * learned.height_std) ** 2, 0.0)
     return _ChannelPrediction(mean, np.sqrt(variance), state)
@@ -251,7 +254,7 @@ def _compute_channels_at_values(
     """Compute the channels at other parameters, or other covariates, than those fitted."""
     if columns:
         design = replace(design, covariates=columns)
-    return compute_channels(
+    return compute_shown_channels(
         build_extended_state(design, values, fitted.list_active_effects(values))
     )
 
@@ -328,7 +331,7 @@ def predict_learned_drag(
             row[place.name] = 0.5 * (place.low + place.high)
     table, state = predict_with_model(pd.DataFrame([row]), learned)
     found = table.iloc[0]
-    shown = dict(zip(CHANNELS, compute_channels(state)[0], strict=True))
+    shown = dict(zip(CHANNELS, compute_shown_channels(state)[0], strict=True))
     tool = replace(
         condition.tool,
         stiffness=float(state.stiffness[0]),

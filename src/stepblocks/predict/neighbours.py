@@ -15,7 +15,7 @@ from stepblocks.contact import Array
 from stepblocks.contact.counterface import Counterface, FurtherStep, Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import PAPER
-from stepblocks.contact.uncertainty import compute_deviated_releases, draw_standard_normal
+from stepblocks.contact.uncertainty import compute_deviated_releases, draw_standard_normal_inputs
 from stepblocks.declaration.read import load_set
 from stepblocks.declaration.set import StimulusSet
 from stepblocks.errors import PipelineError
@@ -331,7 +331,7 @@ def _sample_log_energies(
     edge = find_felt_edge(part, prediction)
     ball = make_tip_dimension(grid, point.ball_radius)
     uncertainties = collect_standard_uncertainties(edge, grid, ball, point.normal_load)
-    shared = draw_standard_normal(len(_SHARED), DRAWS, seed=0)
+    shared = draw_standard_normal_inputs(len(_SHARED), DRAWS, seed=0)
     alone = _sample_dimension_deviates(stimulus_index)
     normal = dict(zip(_SHARED, shared, strict=True))
     dimensions = [name for name in uncertainties if name not in _SHARED]
@@ -350,4 +350,4 @@ def _sample_log_energies(
 @lru_cache(maxsize=_KEPT_DRAWS)
 def _sample_dimension_deviates(stimulus_index: int) -> Array:
     """Draw standard normal numbers for the dimensions of the stimulus at a place of its order."""
-    return draw_standard_normal(_MOST_DIMENSIONS, DRAWS, seed=stimulus_index + 1)
+    return draw_standard_normal_inputs(_MOST_DIMENSIONS, DRAWS, seed=stimulus_index + 1)

@@ -18,7 +18,7 @@ import pandas as pd
 from stepblocks.contact import Array
 from stepblocks.contact.domain import require_positive
 from stepblocks.contact.operating_point import LEVEL_DIFFERENCE, WEBER_FRACTION
-from stepblocks.contact.uncertainty import draw_standard_normal
+from stepblocks.contact.uncertainty import draw_standard_normal_inputs
 from stepblocks.errors import PipelineError
 from stepblocks.files.layout import UNDECLARED, TableLayout, refuse_declared_layout
 from stepblocks.files.tables import load_table, read_si_columns, warn_of_notes
@@ -206,7 +206,7 @@ def compute_jnd_distance(
     jnd = log_ratio * float(np.mean(1.0 / np.log1p(np.exp(log_fractions))))
     if log_ratios is None:
         log_ratios = np.full(DRAWS, log_ratio)
-    person = draw_standard_normal(1, len(log_ratios), seed=1)[0]
+    person = draw_standard_normal_inputs(1, len(log_ratios), seed=1)[0]
     drawn_fractions = np.exp(log_fractions[:, None] + spreads[:, None] * person)
     densities = np.mean(1.0 / np.log1p(drawn_fractions), axis=0)
     low, high = np.quantile(log_ratios * densities, _TAILS)

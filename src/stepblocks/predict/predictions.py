@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from stepblocks.contact.counterface import Counterface, FurtherStep, Step
 from stepblocks.contact.energy import Release, Status, find_release
 from stepblocks.contact.operating_point import PAPER, OperatingPoint
-from stepblocks.contact.uncertainty import Interval, convert_half_widths, estimate_interval
+from stepblocks.contact.uncertainty import Interval, convert_half_widths_to_stds, estimate_interval
 from stepblocks.declaration.set import StimulusSet, choose_operating_point
 from stepblocks.errors import ContactError, PipelineError
 from stepblocks.parts.conditions import PredictionGrid
@@ -261,7 +261,7 @@ def _collect_uncertainties_with_sheath(
 ) -> dict[str, float]:
     """Collect those of part and setting, with what a sheath's tolerances add to the spring."""
     uncertainties = collect_standard_uncertainties(part, grid, ball, load)
-    worn = convert_half_widths({"stiffness": stiffness_tolerance})["stiffness"]
+    worn = convert_half_widths_to_stds({"stiffness": stiffness_tolerance})["stiffness"]
     uncertainties["stiffness"] = math.hypot(uncertainties["stiffness"], worn)
     return uncertainties
 
@@ -282,7 +282,7 @@ def collect_standard_uncertainties(
     half_widths["normal_load"] = tolerances.normal_load * load
     half_widths["stiffness"] = tolerances.stiffness * grid.tool.stiffness
     half_widths["conversion"] = tolerances.conversion * grid.tool.conversion
-    return convert_half_widths(half_widths)
+    return convert_half_widths_to_stds(half_widths)
 
 
 def _compute_stiffness_tolerance(stimuli: StimulusSet, part: Part) -> float:
@@ -323,7 +323,7 @@ def drag_and_measure_ring(
     trace = drag_face(face, point, backward, settings={"speed": speed}, probe=probe)
     if trace.status is not Status.RELEASES:
         return trace, None
-    return trace, measure_ring(trace, spectra=False)
+    return trace, measure_ring(trace, with_spectra=False)
 
 
 def _predict_in_time(prediction: Prediction, speed: float) -> InTime | None:

@@ -15,10 +15,10 @@ from stepblocks.contact.rod import (
     RodRing,
     Sleeve,
     compute_bush_stiffness,
-    compute_finger_share,
+    compute_energy_share_in_hand,
     compute_modes,
     compute_rod_ring,
-    compute_sensed_energy,
+    integrate_squared_clamp_force,
 )
 from stepblocks.declaration.set import StimulusSet
 from stepblocks.errors import ContactError, PipelineError
@@ -96,8 +96,8 @@ def _predict_probe_condition(probe: ProbeSpec, use: Use, sheath: Sheath | None =
         use=use,
         mass=mass,
         ring=ring,
-        sensed=compute_sensed_energy(modes),
-        finger=compute_finger_share(rod, ring.stiffness, modes),
+        sensed=integrate_squared_clamp_force(modes),
+        finger=compute_energy_share_in_hand(rod, ring.stiffness, modes),
     )
 
 

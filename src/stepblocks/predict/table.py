@@ -217,7 +217,7 @@ def _compute_interval_ends(columns: dict[str, Array], angle: Array) -> IntervalE
     """Find the ends of all intervals; both are the value itself where a row is known exactly."""
     inputs = {name: columns[name] for name in STEP_INPUTS}
     limit = PAPER.tool.limits.first.force
-    force, energy = kernels.compute_force_and_energy(
+    force, energy = kernels.compute_release_force_and_energy(
         angle, inputs["friction"], inputs["normal_load"], inputs["stiffness"], inputs["conversion"]
     )
     is_held = force > limit

@@ -21,7 +21,7 @@ from stepblocks.rig.effects.geometry import make_exchange_law
 from stepblocks.rig.effects.grammar.compose import list_composed_laws
 from stepblocks.rig.effects.grammar.covariates import CovariateRange
 from stepblocks.rig.effects.named import list_named_laws
-from stepblocks.rig.forward import build_bench_design, list_constants
+from stepblocks.rig.forward import build_bench_design, list_fitted_constants
 from stepblocks.rig.state import CHANNELS, Floats
 
 WIDE = 1.959964  # standard deviations either side of a 95 % interval
@@ -378,7 +378,7 @@ def _list_session_constants() -> tuple[Parameter, ...]:
     """
     columns = ("height_um", "load_n", "speed_mm_s", "tip_radius_um")
     trial = dict.fromkeys(columns, np.ones(1))
-    return list_constants(build_bench_design(np.array(["block"]), trial, 1.0))[:-1]
+    return list_fitted_constants(build_bench_design(np.array(["block"]), trial, 1.0))[:-1]
 
 
 def _parse_number_array(array_name: str, raw_numbers: object, shape: tuple[int, ...]) -> Floats:

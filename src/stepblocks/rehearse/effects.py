@@ -73,42 +73,46 @@ class PlantedEffect(Strict):
     exponent: Finite = 1.0
     levels: dict[str, Finite] = Field(default_factory=dict)
 
-    def apply(self, value: float, conditions: Mapping[str, float | str]) -> float:
+    def compute_changed_value(
+        self, slot_value: float, conditions: Mapping[str, float | str]
+    ) -> float:
         """Return the slot's value after the effect.
 
         Parameters
         ----------
-        value : float
+        slot_value : float
             Of the slot, before.
         conditions : mapping
             Of the trial, by the names of covariates.
         """
-        change = self._compute_change(conditions.get(self.covariate, 0.0))
+        change = self._compute_slot_change(conditions.get(self.covariate, 0.0))
         if self.change == "add":
-            return value + change
+            return slot_value + change
         if self.form == "power":
-            return value * change
-        return value * (1.0 + change)
+            return slot_value * change
+        return slot_value * (1.0 + change)
 
-    def _compute_change(self, covariate: float | str) -> float:
+    def _compute_slot_change(self, covariate_value: float | str) -> float:
         """Return the change at a value of the covariate."""
         if self.form == "constant":
             return self.size
         if self.form == "levels":
-            return self.levels.get(str(covariate), 0.0)
-        number = float(covariate)
+            return self.levels.get(str(covariate_value), 0.0)
+        number = float(covariate_value)
         if self.form == "linear":
             return self.size * (number - self.reference) / self.span
         if self.form == "power":
             return float(self.size * (number / self.reference) ** self.exponent)
         return self.size * math.exp(-(number - self.reference) / self.span)
 
-    def find_fault(self, number: int, source: Source, blocks: Sequence[str]) -> str | None:
+    def find_plan_fault(
+        self, effect_number: int, source: Source, blocks: Sequence[str]
+    ) -> str | None:
         """Say which field breaks which rule.
 
         Parameters
         ----------
-        number : int
+        effect_number : int
             Of the effect in its plan, from 1.
         source : str
             Of the truth of the plan.
@@ -121,36 +125,42 @@ class PlantedEffect(Strict):
             None where all is well.
         """
         if self.law:
-            return self._find_fault_of_law(number, source, blocks)
+            return self._find_law_fault(effect_number, source, blocks)
         if self.slot is None:
-            return f"slot of effect {number} or law must be given"
+            return f"slot of effect {effect_number} or law must be given"
         if source == "drag" and self.slot == "conversion":
             return (
-                f"slot of effect {number} must not be conversion where the drag in time decides "
+                f"slot of effect {effect_number} must not be conversion where the drag in time "
+                f"decides "
                 "what rings"
             )
-        return self._find_fault_of_form(number)
+        return self._find_form_fault(effect_number)
 
-    def _find_fault_of_law(self, number: int, source: Source, blocks: Sequence[str]) -> str | None:
+    def _find_law_fault(
+        self, effect_number: int, source: Source, blocks: Sequence[str]
+    ) -> str | None:
         """Say what is wrong with an effect that is a law of the catalogue; see `find_fault`."""
         laws = {law.id: law for law in list_named_laws(blocks)}
         if self.law not in laws:
             known = ", ".join(laws)
-            return f"law of effect {number} must be one of {known}, got {self.law!r}"
+            return f"law of effect {effect_number} must be one of {known}, got {self.law!r}"
         if self.law == "hardening_spring" and source != "drag":
             return (
-                f"law of effect {number} bends ramp and ring: source must be 'drag', got {source!r}"
+                f"law of effect {effect_number} bends ramp and ring: source must be 'drag', "
+                f"got {source!r}"
             )
         names = [parameter.name for parameter in laws[self.law].parameters]
         unknown = sorted(set(self.parameters) - set(names))
         if unknown or not self.parameters:
             got = ", ".join(unknown) or "none"
-            return f"parameters of effect {number} must be among {', '.join(names)}, got {got}"
+            return (
+                f"parameters of effect {effect_number} must be among {', '.join(names)}, got {got}"
+            )
         if self.slot:
-            return f"slot of effect {number} must be left out where a law is named"
+            return f"slot of effect {effect_number} must be left out where a law is named"
         return None
 
-    def _find_fault_of_form(self, number: int) -> str | None:
+    def _find_form_fault(self, effect_number: int) -> str | None:
         """Say what is wrong with the form of an effect or its covariate; see `find_fault`."""
         known: Sequence[str] = NUMBERS
         if self.form == "constant":
@@ -158,12 +168,16 @@ class PlantedEffect(Strict):
         elif self.form == "levels":
             known = _LABELS
         if self.covariate == "none" and self.form != "constant":
-            return f"covariate of effect {number} must have a covariate unless its form is constant"
+            return (
+                f"covariate of effect {effect_number} must have a covariate "
+                f"unless its form is constant"
+            )
         if self.covariate not in known:
             return (
-                f"covariate of effect {number} must be one of {', '.join(known)} where its form is "
+                f"covariate of effect {effect_number} must be one of {', '.join(known)} "
+                f"where its form is "
                 f"{self.form}, got {self.covariate!r}"
             )
         if self.span == 0.0 or (self.form == "power" and self.reference == 0.0):
-            return f"span and, of a power, reference of effect {number} must not be 0"
+            return f"span and, of a power, reference of effect {effect_number} must not be 0"
         return None

@@ -15,7 +15,7 @@ _OF_A_WEIGHT = (ErrorSource.MASS, ErrorSource.ARM)
 _MOST_KEPT = 64  # weights whose budgets are kept
 
 
-def match_loads_to_weights(
+def match_loads_to_kit_weights(
     kit: Apparatus, loads: Sequence[float]
 ) -> tuple[list[float], list[float]]:
     """Replace loads by those of the nearest weights, and list loads that no weight has.
@@ -47,16 +47,18 @@ def match_loads_to_weights(
 
 def find_nearest_weight(kit: Apparatus, load: float) -> Load:
     """Return the weight of a kit whose force is nearest to a load [N]."""
-    return min(_list_loads(kit), key=lambda weight: abs(weight.force - load))
+    return min(_list_weight_loads(kit), key=lambda weight: abs(weight.force - load))
 
 
 @lru_cache(maxsize=_MOST_KEPT)
-def _list_loads(kit: Apparatus) -> tuple[Load, ...]:
+def _list_weight_loads(kit: Apparatus) -> tuple[Load, ...]:
     """List the forces of all weights with their budgets."""
     return tuple(compute_normal_load(kit, mass) for mass in kit.normal_weights)
 
 
-def draw_load_error(kit: Apparatus, load: float, seed: int, chance: np.random.Generator) -> float:
+def draw_trial_load_error(
+    kit: Apparatus, load: float, seed: int, generator: np.random.Generator
+) -> float:
     """Draw by how much a load is off in one trial [N].
 
     Parameters
@@ -67,7 +69,7 @@ def draw_load_error(kit: Apparatus, load: float, seed: int, chance: np.random.Ge
         As set [N].
     seed : int
         Of the session, from which what is common to its trials is drawn.
-    chance : Generator
+    generator : Generator
         Of this trial.
 
     Returns
@@ -79,14 +81,14 @@ def draw_load_error(kit: Apparatus, load: float, seed: int, chance: np.random.Ge
     error = 0.0
     for component in weight.budget:
         if component.is_common:
-            share = _draw_session_share(component, weight, seed)
+            share = _draw_shared_error_share(component, weight, seed)
         else:
-            share = chance.uniform(-1.0, 1.0)
+            share = generator.uniform(-1.0, 1.0)
         error += share * component.half_width
     return error
 
 
-def _draw_session_share(component: ErrorComponent, weight: Load, seed: int) -> float:
+def _draw_shared_error_share(component: ErrorComponent, weight: Load, seed: int) -> float:
     """Draw the error that all trials of a session share, as a share of the half width."""
     stream = [seed, _CHANCE_OF_THE_KIT, list(ErrorSource).index(component.source)]
     if component.source in _OF_A_WEIGHT:
@@ -94,6 +96,6 @@ def _draw_session_share(component: ErrorComponent, weight: Load, seed: int) -> f
     return float(np.random.default_rng(stream).uniform(-1.0, 1.0))
 
 
-def find_common_std(kit: Apparatus, loads: Sequence[float]) -> float:
+def compute_largest_common_std(kit: Apparatus, loads: Sequence[float]) -> float:
     """Return the largest standard uncertainty [N] that all trials under some loads [N] share."""
     return max(find_nearest_weight(kit, load).common_std for load in loads)

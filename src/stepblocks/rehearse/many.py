@@ -21,7 +21,7 @@ from stepblocks.files.claim import FolderClaim, hash_plan
 from stepblocks.files.packed import PackedFolder, pack_folder, unpack_folder
 from stepblocks.files.store import FolderStore
 from stepblocks.quantities import check_seed
-from stepblocks.rehearse.plan import SessionPlan, read_plan
+from stepblocks.rehearse.plan import SessionPlan, read_session_plan
 from stepblocks.rehearse.run import write_session, write_session_folder
 
 if TYPE_CHECKING:
@@ -86,13 +86,13 @@ def simulate_sessions(
         If the plan is malformed, a seed stands twice or is out of range, a folder holds another
         session, every trial of one locks, or the cluster cannot be used.
     """
-    declared = read_plan(Path(plan))
-    _check_seeds(seeds)
+    declared = read_session_plan(Path(plan))
+    _refuse_bad_seeds(seeds)
     folder = Path(output)
     places = []
     missing = []
     with lock_folder(folder):
-        _make_claim(declared).claim_folder(FolderStore(folder))
+        _make_rehearsal_claim(declared).claim_folder(FolderStore(folder))
         for seed in seeds:
             place = folder / f"seed-{seed:06d}"
             places.append(place)
@@ -100,13 +100,13 @@ def simulate_sessions(
                 seeded = declared.model_copy(update={"seed": seed})
                 missing.append((seeded, place.absolute()))
         with open_cluster(on if missing else None, jobs) as cluster:
-            for place in _simulate_missing(missing, jobs or count_cores(), cluster):
+            for place in _simulate_missing_sessions(missing, jobs or count_cores(), cluster):
                 if on_session is not None:
                     on_session(place)
     return Rehearsals(tuple(places), len(missing), len(places) - len(missing))
 
 
-def _check_seeds(seeds: Sequence[int]) -> None:
+def _refuse_bad_seeds(seeds: Sequence[int]) -> None:
     """Refuse seeds that are missing, repeated or out of range."""
     if not seeds:
         raise PipelineError("seeds must name at least one session, got none")
@@ -116,7 +116,7 @@ def _check_seeds(seeds: Sequence[int]) -> None:
         raise PipelineError("seeds must differ from each other, got one twice")
 
 
-def _make_claim(plan: SessionPlan) -> FolderClaim:
+def _make_rehearsal_claim(plan: SessionPlan) -> FolderClaim:
     """Return the claim of a plan on its folder of rehearsals, whatever its own seed."""
     content = plan.model_dump(mode="json", exclude={"seed"})
     digest = hash_plan({"plan": content, "stepblocks": __version__})
@@ -130,18 +130,26 @@ def _make_claim(plan: SessionPlan) -> FolderClaim:
     )
 
 
-def _simulate_missing(
-    missing: Sequence[tuple[SessionPlan, Path]], jobs: int, cluster: "Client | None"
+def _simulate_missing_sessions(
+    missing_sessions: Sequence[tuple[SessionPlan, Path]], jobs: int, cluster: "Client | None"
 ) -> Generator[Path]:
     """Simulate sessions here or on a cluster; yield the folder of each when it is there."""
-    if not missing:
+    if not missing_sessions:
         return
-    folder = missing[0][1].parent
-    processes = min(jobs, len(missing))
+    folder = missing_sessions[0][1].parent
+    processes = min(jobs, len(missing_sessions))
     if cluster is None or is_folder_shared(cluster, folder):
-        yield from run_calls(write_session_to, missing, jobs=processes, on=cluster, in_order=False)
+        yield from run_calls(
+            write_session_and_return_folder,
+            missing_sessions,
+            jobs=processes,
+            on=cluster,
+            in_order=False,
+        )
         return
-    calls = run_calls(pack_session, missing, jobs=processes, on=cluster, in_order=False)
+    calls = run_calls(
+        write_packed_session, missing_sessions, jobs=processes, on=cluster, in_order=False
+    )
     for place, files in calls:
         with make_draft_folder(place) as draft:
             unpack_folder(files, draft)
@@ -150,14 +158,14 @@ def _simulate_missing(
         yield place
 
 
-def write_session_to(plan: SessionPlan, place: Path) -> Path:
+def write_session_and_return_folder(plan: SessionPlan, folder: Path) -> Path:
     """Write a session into its folder, whole or not at all; return the folder."""
-    write_session_folder(plan, place)
-    return place
+    write_session_folder(plan, folder)
+    return folder
 
 
-def pack_session(plan: SessionPlan, place: Path) -> tuple[Path, PackedFolder]:
+def write_packed_session(plan: SessionPlan, folder: Path) -> tuple[Path, PackedFolder]:
     """Write a session into a temporary folder of this machine; return its place and files."""
     with tempfile.TemporaryDirectory(prefix="stepblocks-") as name:
         write_session(plan, Path(name))
-        return place, pack_folder(Path(name))
+        return folder, pack_folder(Path(name))

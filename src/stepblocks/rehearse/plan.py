@@ -22,7 +22,7 @@ from stepblocks.parts.apparatus.declared import Apparatus
 from stepblocks.parts.kinds.kit_part import KitPart
 from stepblocks.quantities import make_quantity_parser
 from stepblocks.rehearse.effects import Finite, PlantedEffect, Source
-from stepblocks.rehearse.kit_loads import match_loads_to_weights
+from stepblocks.rehearse.kit_loads import match_loads_to_kit_weights
 from stepblocks.rehearse.record import Rig, Truth
 
 _MOST_TRIALS = 1_000_000
@@ -133,15 +133,15 @@ class SessionPlan(Strict):
 
     def list_blocks(self) -> list[str]:
         """List the names of the blocks."""
-        return [name_block(height) for height in sorted(set(self.design.heights))]
+        return [format_block_name(height) for height in sorted(set(self.design.heights))]
 
     def list_trial_rows(self) -> list[dict[str, str]]:
         """Return the conditions of every trial in the order of the run, as texts of the table."""
         random = np.random.default_rng([self.seed, 1])
-        conditions = self._draw_conditions(random)
+        conditions = self._draw_conditions_in_run_order(random)
         count = len(conditions)
-        temperatures = _draw_walk(random, count, 0.35) + _MEAN_TEMPERATURE
-        humidities = _draw_walk(random, count, 1.5) + _MEAN_HUMIDITY
+        temperatures = _draw_random_walk(random, count, 0.35) + _MEAN_TEMPERATURE
+        humidities = _draw_random_walk(random, count, 1.5) + _MEAN_HUMIDITY
         tip = f"tip-{self.model.tip_radius * 1e6:g}"
         rows = []
         for index, (height, load, speed) in enumerate(conditions):
@@ -149,7 +149,7 @@ class SessionPlan(Strict):
             operator = int(random.integers(len(self.design.operators)))
             row = {
                 "trial": number,
-                "block": name_block(height),
+                "block": format_block_name(height),
                 "height_um": f"{height * 1e6:g}",
                 "load_n": f"{load:g}",
                 "speed_mm_s": f"{speed * 1e3:g}",
@@ -164,7 +164,7 @@ class SessionPlan(Strict):
             rows.append(row)
         return rows
 
-    def _draw_conditions(self, random: np.random.Generator) -> "list[_Condition]":
+    def _draw_conditions_in_run_order(self, generator: np.random.Generator) -> "list[_Condition]":
         """Return height, load and speed of every trial in the order of the run."""
         design = self.design
         factorial = []
@@ -174,8 +174,8 @@ class SessionPlan(Strict):
         # every combination is drawn before any is drawn again
         rounds = []
         for _ in range(math.ceil(count / len(factorial))):
-            rounds.append(random.permutation(len(factorial)))
-        order = random.permutation(np.concatenate(rounds)[:count])
+            rounds.append(generator.permutation(len(factorial)))
+        order = generator.permutation(np.concatenate(rounds)[:count])
         return [factorial[index] for index in order.tolist()]
 
 
@@ -187,12 +187,12 @@ class _Condition(NamedTuple):
     speed: float
 
 
-def _draw_walk(random: np.random.Generator, count: int, step: float) -> Array:
+def _draw_random_walk(generator: np.random.Generator, count: int, step_std: float) -> Array:
     """Return a random walk from zero that spreads alike in any number of trials, shape (n,)."""
-    return np.cumsum(random.normal(0.0, step, count)) / math.sqrt(count) * _WALK_SPREAD
+    return np.cumsum(generator.normal(0.0, step_std, count)) / math.sqrt(count) * _WALK_SPREAD
 
 
-def name_block(height: float) -> str:
+def format_block_name(height: float) -> str:
     """Return the name of the block with a step of this height [m]."""
     micrometres = height * 1e6
     whole = round(micrometres)
@@ -201,7 +201,7 @@ def name_block(height: float) -> str:
     return f"step-{micrometres:05.1f}"
 
 
-def read_plan(path: Path) -> SessionPlan:
+def read_session_plan(path: Path) -> SessionPlan:
     """Read a plan, and the stimulus file of the kit that it names.
 
     Raises
@@ -215,7 +215,7 @@ def read_plan(path: Path) -> SessionPlan:
     plan = validate_file_data(SessionPlan, document, path, PipelineError)
     faults: list[Mistake] = []
     for number, effect in enumerate(plan.effects, start=1):
-        fault = effect.find_fault(number, plan.source, plan.list_blocks())
+        fault = effect.find_plan_fault(number, plan.source, plan.list_blocks())
         if fault is not None:
             faults.append(("", fault))
     if plan.apparatus is not None:
@@ -225,13 +225,14 @@ def read_plan(path: Path) -> SessionPlan:
     return plan
 
 
-def _load_apparatus(name: object, plan: Path) -> Apparatus:
+def _load_apparatus(file_name: object, plan_path: Path) -> Apparatus:
     """Load the kit of the stimulus file that a plan names, beside it or absolute."""
-    if not isinstance(name, str):
+    if not isinstance(file_name, str):
         raise PipelineError(
-            f"apparatus must be the name of a stimulus file, got {shorten_value(name)} [{plan}]"
+            f"apparatus must be the name of a stimulus file, got {shorten_value(file_name)} "
+            f"[{plan_path}]"
         )
-    place = plan.parent / name
+    place = plan_path.parent / file_name
     for part in load_set(place).stimuli:
         if isinstance(part, KitPart):
             return part.kit
@@ -245,7 +246,7 @@ def _replace_loads_by_weights(
 
     What is wrong is added to the faults.
     """
-    loads, missing = match_loads_to_weights(kit, plan.design.loads)
+    loads, missing = match_loads_to_kit_weights(kit, plan.design.loads)
     if missing:
         asked = ", ".join(f"{load:g} N" for load in missing)
         known = ", ".join(f"{mass * kit.gravity.value:.4g} N" for mass in kit.normal_weights)

@@ -59,29 +59,29 @@ class Truth:
     gap: float = 0.0
     release_decay: float = 0.4e-3
 
-    def compute_tangential_force(self, since: Array) -> Array:
+    def compute_tangential_force(self, time_since_release: Array) -> Array:
         """Return the tangential force [N] at times since the release [s], shape (n,)."""
         remainder = self.peak_force - self.sliding_force - self.amplitude
-        return self._compute_sliding_and_ringing_force(since) + remainder * np.exp(
-            -since / self.release_decay
+        return self._compute_sliding_and_ringing_force(time_since_release) + remainder * np.exp(
+            -time_since_release / self.release_decay
         )
 
-    def _compute_sliding_and_ringing_force(self, since: Array) -> Array:
+    def _compute_sliding_and_ringing_force(self, time_since_release: Array) -> Array:
         """Return the ringing force about the sliding force [N]; see `compute_tangential_force`."""
         if self.gap > 0.0:
             start = (self.sliding_force + self.amplitude, -self.amplitude / self.decay_time)
             tool = Tool(self.frequency, self.decay_time)
             return compute_rubbing_force(
-                since, self.sliding_force, self.gap, tool, start, self.slope
+                time_since_release, self.sliding_force, self.gap, tool, start, self.slope
             )
-        phase = 2.0 * math.pi * self.frequency * since
-        ring = self.amplitude * np.exp(-since / self.decay_time) * np.cos(phase)
+        phase = 2.0 * math.pi * self.frequency * time_since_release
+        ring = self.amplitude * np.exp(-time_since_release / self.decay_time) * np.cos(phase)
         return np.asarray(self.sliding_force + ring, dtype=float)
 
-    def compute_normal_force(self, since: Array) -> Array:
+    def compute_normal_force(self, time_since_release: Array) -> Array:
         """Return the normal force [N] at times since the release [s], shape (n,)."""
-        phase = 2.0 * math.pi * self.frequency * since
-        fading = np.exp(-since / self.decay_time) * np.cos(phase + _SYMPATHETIC_PHASE)
+        phase = 2.0 * math.pi * self.frequency * time_since_release
+        fading = np.exp(-time_since_release / self.decay_time) * np.cos(phase + _SYMPATHETIC_PHASE)
         ring = self.sympathetic * self.amplitude * fading
         return np.asarray(self.load + ring, dtype=float)
 
@@ -158,8 +158,8 @@ class Rig:
             return 1
         return _OVERSAMPLING
 
-    def add_disturbances(
-        self, tangential: Array, normal: Array, random: np.random.Generator
+    def record_forces(
+        self, tangential: Array, normal: Array, generator: np.random.Generator
     ) -> Trace:
         """Add to true forces what the rig adds.
 
@@ -169,7 +169,7 @@ class Rig:
         ----------
         tangential, normal : Array
             Shape (n * oversampling,), true forces [N].
-        random : Generator
+        generator : Generator
 
         Returns
         -------
@@ -178,23 +178,23 @@ class Rig:
         """
         count = tangential.size // self.oversampling
         time = np.round(np.arange(count) / self.sample_rate, _CLOCK_DIGITS)
-        tangential = self._record_channel(time, tangential, random)
-        normal = self._record_channel(time, normal, random)
+        tangential = self._record_channel(time, tangential, generator)
+        normal = self._record_channel(time, normal, generator)
         return Trace(time, tangential, normal)
 
-    def _record_channel(self, time: Array, force: Array, random: np.random.Generator) -> Array:
+    def _record_channel(self, time: Array, force: Array, generator: np.random.Generator) -> Array:
         """Return what one gauge shows of a true force [N] at the instants of its samples [s]."""
         if self.oversampling > 1:
-            force = self._filter_as_sensor(force)[:: self.oversampling]
-        phase = random.uniform(0.0, 2.0 * math.pi)
+            force = self._filter_by_sensor_lag(force)[:: self.oversampling]
+        phase = generator.uniform(0.0, 2.0 * math.pi)
         hum = self.hum * np.sin(2.0 * np.pi * self.mains * time + phase)
-        noise = self.noise * random.standard_normal(time.size)
+        noise = self.noise * generator.standard_normal(time.size)
         shown: Array = force + hum + self.drift * time + noise
         if self.quantum > 0.0:
             shown = np.round(shown / self.quantum) * self.quantum
         return shown
 
-    def _filter_as_sensor(self, force: Array) -> Array:
+    def _filter_by_sensor_lag(self, force: Array) -> Array:
         """Return a force as a sensor of first order follows it, on the fine clock."""
         from scipy.signal import lfilter
 
@@ -204,18 +204,18 @@ class Rig:
         filtered, _ = lfilter([1.0 - keep], [1.0, -keep], force, zi=begin)
         return np.asarray(filtered, dtype=float)
 
-    def build_start_up_ring(
-        self, time: Array, tool: Tool, end: float, random: np.random.Generator
+    def compute_start_up_ring(
+        self, time: Array, tool: Tool, end: float, generator: np.random.Generator
     ) -> Array:
         """Return the ring when the handle starts [N], up to the edge at `end` [s]."""
         frequency, decay_time = tool
-        phase = float(random.uniform(0.0, 2.0 * math.pi))
+        phase = float(generator.uniform(0.0, 2.0 * math.pi))
         ring = np.exp(-time / decay_time) * np.cos(2.0 * np.pi * frequency * time + phase)
         return np.where(time < end, self.start_up * ring, 0.0)
 
 
-def record_trial(
-    truth: Truth, rig: Rig, random: np.random.Generator, gain: float = 1.0
+def record_trial_by_equations(
+    truth: Truth, rig: Rig, generator: np.random.Generator, gain: float = 1.0
 ) -> TimedTrace:
     """Record a trial of a truth on a rig.
 
@@ -223,7 +223,7 @@ def record_trial(
     ----------
     truth : Truth
     rig : Rig
-    random : Generator
+    generator : Generator
     gain : float
         Of the tangential channel [1].
 
@@ -232,7 +232,7 @@ def record_trial(
     PipelineError
         If the record would have too many samples.
     """
-    onset = float(random.uniform(_LEAST_SLIDE, _MOST_SLIDE))
+    onset = float(generator.uniform(_LEAST_SLIDE, _MOST_SLIDE))
     release = onset + (truth.peak_force - truth.sliding_force) / truth.slope
     # the clock does not know of the events: their phase against it is any
     duration = release + rig.tail * truth.decay_time
@@ -244,24 +244,24 @@ def record_trial(
     time = np.arange(count) / (rig.sample_rate * rig.oversampling)
     tool = Tool(truth.frequency, truth.decay_time)
     loading = truth.slope * np.maximum(time - onset, 0.0)
-    start_up = rig.build_start_up_ring(time, tool, onset, random)
+    start_up = rig.compute_start_up_ring(time, tool, onset, generator)
     force = truth.sliding_force + loading + start_up
     after = time >= release
     since = time[after] - release
     force[after] = truth.compute_tangential_force(since)
     normal = np.full(count, truth.load)
     normal[after] = truth.compute_normal_force(since)
-    return TimedTrace(rig.add_disturbances(gain * force, normal, random), onset, release)
+    return TimedTrace(rig.record_forces(gain * force, normal, generator), onset, release)
 
 
-def record_drag(
+def record_trial_by_drag(
     step: Step,
     point: OperatingPoint,
     rig: Rig,
-    random: np.random.Generator,
+    generator: np.random.Generator,
     *,
     gain: float = 1.0,
-    pull: float = 0.0,
+    added_pull: float = 0.0,
     hardening: float = 0.0,
 ) -> RecordedTrial | None:
     """Record a drag in time over a step.
@@ -271,10 +271,10 @@ def record_drag(
     step : Step
     point : OperatingPoint
     rig : Rig
-    random : Generator
+    generator : Generator
     gain : float
         Of the tangential channel [1].
-    pull : float
+    added_pull : float
         Steady force along the drag beside the tip's [N].
     hardening : float
         Cubic stiffness of the spring [N/m^3].
@@ -290,7 +290,7 @@ def record_drag(
     from stepblocks.drag.track import build_track
 
     tool = point.tool
-    slide = float(random.uniform(_LEAST_SLIDE, _MOST_SLIDE))
+    slide = float(generator.uniform(_LEAST_SLIDE, _MOST_SLIDE))
     settings = DragSettings.from_point(
         point,
         lead=point.speed * slide,
@@ -305,10 +305,10 @@ def record_drag(
     count = drag.rows.shape[0] // rig.oversampling * rig.oversampling
     time = drag.column("time_s")[:count]
     ring_of_tool = Tool(tool.frequency, tool.decay_time)
-    start_up = rig.build_start_up_ring(time, ring_of_tool, slide, random)
-    force = drag.column("fx_n")[:count] + pull + start_up
-    trace = rig.add_disturbances(gain * force, drag.column("fy_n")[:count], random)
+    start_up = rig.compute_start_up_ring(time, ring_of_tool, slide, generator)
+    force = drag.column("fx_n")[:count] + added_pull + start_up
+    trace = rig.record_forces(gain * force, drag.column("fy_n")[:count], generator)
     # the first swing below sliding comes half a period after the release
     damping = math.exp(math.pi / (math.tau * tool.frequency * tool.decay_time))
-    amplitude = measure_ring(drag, spectra=False).amplitude * damping
-    return RecordedTrial(trace, drag.peak_force + pull, amplitude, drag.release_time)
+    amplitude = measure_ring(drag, with_spectra=False).amplitude * damping
+    return RecordedTrial(trace, drag.peak_force + added_pull, amplitude, drag.release_time)

@@ -18,15 +18,15 @@ from stepblocks.files.atomic import make_draft_folder, move_into_place, sync_fol
 from stepblocks.files.tables import escape_formula
 from stepblocks.quantities import check_seed
 from stepblocks.rehearse.effects import PlantedEffect
-from stepblocks.rehearse.kit_loads import find_common_std
-from stepblocks.rehearse.plan import SessionPlan, name_block, read_plan
-from stepblocks.rehearse.record import record_drag, record_trial
-from stepblocks.rehearse.trace_files import TRACE_FILES, open_writer
+from stepblocks.rehearse.kit_loads import compute_largest_common_std
+from stepblocks.rehearse.plan import SessionPlan, format_block_name, read_session_plan
+from stepblocks.rehearse.record import record_trial_by_drag, record_trial_by_equations
+from stepblocks.rehearse.trace_files import TRACE_FILES, open_trace_writer
 from stepblocks.rehearse.truth import (
     build_drag_inputs,
     build_rig,
     compute_planted_state,
-    compute_truth,
+    compute_truth_by_equations,
 )
 from stepblocks.rig.state import DragState
 
@@ -103,7 +103,7 @@ def simulate_session(
 
 def _read_seeded_plan(plan: str | Path, seed: int | None) -> SessionPlan:
     """Read a plan, with another seed where one is given."""
-    declared = read_plan(Path(plan))
+    declared = read_session_plan(Path(plan))
     if seed is None:
         return declared
     check_seed(seed)
@@ -127,16 +127,16 @@ def write_session(plan: SessionPlan, folder: Path) -> SimulationSummary:
     PipelineError
         If every trial locks.
     """
-    heights = _draw_heights(plan)
+    heights = _draw_true_heights(plan)
     _write_scans(plan, heights, folder / "scans")
     (folder / "session.toml").write_text(format_session_toml(plan), encoding="utf-8", newline="\n")
-    summary = _write_trials(plan, heights, folder)
+    summary = _write_trials_and_truth(plan, heights, folder)
     if summary.locked == summary.planned:
         raise PipelineError("every trial of the plan locks; lower the friction or the heights")
     return summary
 
 
-def _draw_heights(plan: SessionPlan) -> dict[float, float]:
+def _draw_true_heights(plan: SessionPlan) -> dict[float, float]:
     """Return the true height of each block by its nominal one [m]."""
     random = np.random.default_rng([plan.seed, 2])
     heights = {}
@@ -149,14 +149,14 @@ def _draw_heights(plan: SessionPlan) -> dict[float, float]:
 def _write_scans(plan: SessionPlan, heights: Mapping[float, float], folder: Path) -> None:
     """Write a scan of each block, with the rounding of its edge."""
     folder.mkdir()
-    rounding = max(sum(_find_constant_rounding(effect) for effect in plan.effects), 0.0)
+    rounding = max(sum(_get_constant_edge_rounding(effect) for effect in plan.effects), 0.0)
     for number, (nominal, height) in enumerate(heights.items()):
-        path = folder / f"{name_block(nominal)}.csv"
+        path = folder / f"{format_block_name(nominal)}.csv"
         random = np.random.default_rng([plan.seed, 3, number])
         _write_simulated_scan(path, Step(height, rounding), random)
 
 
-def _find_constant_rounding(effect: PlantedEffect) -> float:
+def _get_constant_edge_rounding(effect: PlantedEffect) -> float:
     """Return the constant edge rounding that an effect causes and a scan shows [m]."""
     if effect.law == "edge_rounding":
         return effect.parameters.get("edge_radius_m", 0.0)
@@ -168,27 +168,27 @@ def _find_constant_rounding(effect: PlantedEffect) -> float:
     return 0.0
 
 
-def _write_simulated_scan(path: Path, step: Step, random: np.random.Generator) -> None:
+def _write_simulated_scan(path: Path, step: Step, generator: np.random.Generator) -> None:
     """Write a profilometer line across the edge with tilt and offset, as an instrument does."""
     x = np.arange(-_SCAN_REACH, _SCAN_REACH + _SCAN_STEP / 2.0, _SCAN_STEP)
     profile = 1e6 * np.maximum(step.heights(1e-6 * x), 0.0)
-    offset = random.uniform(-_LARGEST_OFFSET, _LARGEST_OFFSET)
-    tilt = random.normal(0.0, _TILT)
-    noise = random.normal(0.0, _SCAN_NOISE, x.size)
+    offset = generator.uniform(-_LARGEST_OFFSET, _LARGEST_OFFSET)
+    tilt = generator.normal(0.0, _TILT)
+    noise = generator.normal(0.0, _SCAN_NOISE, x.size)
     z = profile + offset + tilt * x + noise
     np.savetxt(
         path, np.column_stack([x, z]), fmt="%.3f", delimiter=",", header="x_um,z_um", comments=""
     )
 
 
-def _write_trials(
+def _write_trials_and_truth(
     plan: SessionPlan, heights: Mapping[float, float], folder: Path
 ) -> SimulationSummary:
     """Write the table of trials, their traces, and what is true of them."""
     rows = plan.list_trial_rows()
     locked = 0
     with (
-        open_writer(folder, plan.format) as write_trace,
+        open_trace_writer(folder, plan.format) as write_trace,
         (folder / "trials.csv").open("w", newline="", encoding="utf-8") as trials,
         (folder / "truth.csv").open("w", newline="", encoding="utf-8") as truths,
     ):
@@ -215,29 +215,29 @@ def _simulate_trial(
     plan: SessionPlan,
     row: Mapping[str, str],
     heights: Mapping[float, float],
-    chance: np.random.Generator,
+    generator: np.random.Generator,
 ) -> _SimulatedTrial | None:
     """Record one trial; None where the probe locks."""
-    state = compute_planted_state(plan, row, heights, chance)
+    state = compute_planted_state(plan, row, heights, generator)
     if state is None:
         return None
     if plan.source == "drag":
-        return _simulate_drag(plan, state, chance)
-    return _simulate_by_equations(plan, state, chance)
+        return _simulate_trial_by_drag(plan, state, generator)
+    return _simulate_trial_by_equations(plan, state, generator)
 
 
-def _simulate_drag(
-    plan: SessionPlan, state: DragState, chance: np.random.Generator
+def _simulate_trial_by_drag(
+    plan: SessionPlan, state: DragState, generator: np.random.Generator
 ) -> _SimulatedTrial | None:
     """Record one trial as a drag in time; None where the tip does not slip over."""
     step, point, pull = build_drag_inputs(plan, state)
-    record = record_drag(
+    record = record_trial_by_drag(
         step,
         point,
         build_rig(plan, state),
-        chance,
+        generator,
         gain=float(state.gain[0]),
-        pull=pull,
+        added_pull=pull,
         hardening=float(state.hardening[0]) * point.tool.stiffness**3,
     )
     if record is None:
@@ -248,32 +248,32 @@ def _simulate_drag(
         sliding / load,
         load,
         record.peak_force,
-        _compute_energy(plan, record.amplitude),
+        _compute_amplitude_energy(plan, record.amplitude),
         record.release,
     )
     return _SimulatedTrial(record.trace, figures)
 
 
-def _simulate_by_equations(
-    plan: SessionPlan, state: DragState, chance: np.random.Generator
+def _simulate_trial_by_equations(
+    plan: SessionPlan, state: DragState, generator: np.random.Generator
 ) -> _SimulatedTrial | None:
     """Record one trial by equations (1) and (2); None where nothing catches or rings."""
-    truth = compute_truth(plan, state)
+    truth = compute_truth_by_equations(plan, state)
     if truth is None:
         return None
     rig = build_rig(plan, state)
-    record = record_trial(truth, rig, chance, float(state.gain[0]))
+    record = record_trial_by_equations(truth, rig, generator, float(state.gain[0]))
     figures = _TrueFigures(
         truth.sliding_force / truth.load,
         truth.load,
         truth.peak_force,
-        _compute_energy(plan, truth.amplitude),
+        _compute_amplitude_energy(plan, truth.amplitude),
         record.release,
     )
     return _SimulatedTrial(record.trace, figures)
 
 
-def _compute_energy(plan: SessionPlan, amplitude: float) -> float:
+def _compute_amplitude_energy(plan: SessionPlan, amplitude: float) -> float:
     """Return the energy of an amplitude [N] on the spring of the plan [J]."""
     return amplitude**2 / (2.0 * plan.model.spring_constant)
 
@@ -296,14 +296,14 @@ channels = {{ time = "time_s", tangential = "fx_n", normal = "fy_n" }}
 [stimuli]
 set = "simulated"
 scans = "scans/{{block}}.csv"
-{_format_load_calibration(plan)}"""
+{_format_load_calibration_toml(plan)}"""
 
 
-def _format_load_calibration(plan: SessionPlan) -> str:
+def _format_load_calibration_toml(plan: SessionPlan) -> str:
     """Write the ``[calibration]`` table of the load by the kit's budget; empty without a kit."""
     if plan.apparatus is None:
         return ""
-    std = find_common_std(plan.apparatus, plan.design.loads)
+    std = compute_largest_common_std(plan.apparatus, plan.design.loads)
     return f"""
 [calibration]
 load_error = ["0 mN", "{std * 1e3:.2g} mN"]

@@ -30,16 +30,16 @@ Write = Callable[[int, Trace], None]  # appends the trace of a trial
 
 
 @contextmanager
-def open_writer(folder: Path, kind: str) -> Iterator[Write]:
-    """Begin the traces of a session in an empty folder; `kind` is one of `TRACE_FILES`."""
-    path = folder / TRACE_FILES[kind]
-    if kind == "csv":
+def open_trace_writer(folder: Path, trace_format: str) -> Iterator[Write]:
+    """Begin the traces of a session in an empty folder; `trace_format` is one of `TRACE_FILES`."""
+    path = folder / TRACE_FILES[trace_format]
+    if trace_format == "csv":
         path.parent.mkdir()
-        yield lambda trial, trace: _write_csv(folder, trial, trace)
-    elif kind == "mat":
+        yield lambda trial, trace: _write_csv_trial(folder, trial, trace)
+    elif trace_format == "mat":
         path.parent.mkdir()
-        yield lambda trial, trace: _write_mat(folder, trial, trace)
-    elif kind == "tdms":
+        yield lambda trial, trace: _write_mat_trial(folder, trial, trace)
+    elif trace_format == "tdms":
         from nptdms import TdmsWriter
 
         with TdmsWriter(path) as writer:
@@ -50,9 +50,9 @@ def open_writer(folder: Path, kind: str) -> Iterator[Write]:
             yield lambda trial, trace: _write_hdf5_group(file.create_group(f"{trial:04d}"), trace)
 
 
-def _write_csv(folder: Path, trial: int, trace: Trace) -> None:
+def _write_csv_trial(folder: Path, trial_number: int, trace: Trace) -> None:
     """Write a trial as a text file of three columns."""
-    path = folder / TRACE_FILES["csv"].format(trial=trial)
+    path = folder / TRACE_FILES["csv"].format(trial=trial_number)
     np.savetxt(
         path,
         np.column_stack([trace.time, trace.tangential, trace.normal]),
@@ -63,31 +63,31 @@ def _write_csv(folder: Path, trial: int, trace: Trace) -> None:
     )
 
 
-def _pair_columns(trace: Trace) -> Iterator[tuple[str, Array]]:
+def _pair_names_with_columns(trace: Trace) -> Iterator[tuple[str, Array]]:
     """Yield each column of a trace under the name that it has in every format."""
     return zip(_NAMES, (trace.time, trace.tangential, trace.normal), strict=True)
 
 
 def _write_hdf5_group(group: "h5py.Group", trace: Trace) -> None:
     """Write a trial as a group of HDF5, a dataset for each column."""
-    for name, values in _pair_columns(trace):
+    for name, values in _pair_names_with_columns(trace):
         group.create_dataset(
             name, data=values.astype(np.float32), compression="gzip", track_times=False
         )
 
 
-def _write_mat(folder: Path, trial: int, trace: Trace) -> None:
+def _write_mat_trial(folder: Path, trial_number: int, trace: Trace) -> None:
     """Write a trial as a MAT file of version 5, a variable for each column."""
     from scipy.io import savemat
 
     variables = {}
-    for name, values in _pair_columns(trace):
+    for name, values in _pair_names_with_columns(trace):
         variables[name] = values.astype(np.float32)
     stream = BytesIO()
     opened: Any = stream  # the stubs know paths alone
     savemat(opened, variables, do_compression=True, oned_as="column")
     content = stream.getvalue()
-    path = folder / TRACE_FILES["mat"].format(trial=trial)
+    path = folder / TRACE_FILES["mat"].format(trial=trial_number)
     path.write_bytes(_MAT_HEADING + content[len(_MAT_HEADING) :])
 
 
@@ -96,6 +96,6 @@ def _write_tdms_group(writer: "TdmsWriter", group: str, trace: Trace) -> None:
     from nptdms import ChannelObject
 
     channels = []
-    for name, values in _pair_columns(trace):
+    for name, values in _pair_names_with_columns(trace):
         channels.append(ChannelObject(group, name, values.astype(np.float32)))
     writer.write_segment(channels)

@@ -10,17 +10,17 @@ from stepblocks.contact.counterface import Step
 from stepblocks.contact.operating_point import Limits, OperatingPoint, Tool
 from stepblocks.errors import PipelineError
 from stepblocks.rehearse.effects import NUMBERS, PlantedEffect
-from stepblocks.rehearse.kit_loads import draw_load_error
+from stepblocks.rehearse.kit_loads import draw_trial_load_error
 from stepblocks.rehearse.plan import SessionPlan
 from stepblocks.rehearse.record import Rig, Truth
 from stepblocks.rig.effects.named import list_named_laws
 from stepblocks.rig.forward import (
     BenchDesign,
     build_nominal_state,
-    name_height_error,
-    select_covariate,
+    compute_followed_covariate,
+    make_height_error_name,
 )
-from stepblocks.rig.state import DragState, compute_channels
+from stepblocks.rig.state import DragState, compute_shown_channels
 
 _LEAST_RISE = 0.02  # [N] a lower peak is no catch
 _NOT_IN_TIME = ("tilt", "climb_load", "lost_energy", "climb_drag")
@@ -37,7 +37,7 @@ def compute_planted_state(
     plan: SessionPlan,
     row: Mapping[str, str],
     heights: Mapping[float, float],
-    chance: np.random.Generator,
+    generator: np.random.Generator,
 ) -> DragState | None:
     """Compute the slots of one trial with its effects and its scatter.
 
@@ -48,7 +48,7 @@ def compute_planted_state(
         Conditions of the trial, as the table writes them.
     heights : mapping of float to float
         True height by the nominal one [m].
-    chance : Generator
+    generator : Generator
         Of the scatter.
 
     Returns
@@ -56,39 +56,39 @@ def compute_planted_state(
     DragState or None
         None where the probe locks.
     """
-    nominal = _find_nominal_height(row, heights)
-    design = _build_design(plan, row, nominal)
-    values = _list_nominal_values(plan)
+    nominal = _find_planned_height(row, heights)
+    design = _build_trial_design(plan, row, nominal)
+    values = _map_nominal_values(plan)
     if plan.apparatus is not None:
         load = float(design.load[0])
-        values["load_error"] = draw_load_error(plan.apparatus, load, plan.seed, chance)
+        values["load_error"] = draw_trial_load_error(plan.apparatus, load, plan.seed, generator)
     bare = build_nominal_state(design, values)
-    if bool(bare.find_locked()[0]):
+    if bool(bare.mark_locked_trials()[0]):
         return None
     covariates: dict[str, float | str] = {
         **row,
         "peak_force_n": float(bare.compute_peak_force()[0]),
     }
-    values[name_height_error(row["block"])] = heights[nominal] - nominal
+    values[make_height_error_name(row["block"])] = heights[nominal] - nominal
     state = build_nominal_state(design, values)
     for effect in plan.effects:
         if effect.law:
-            state = _apply_law(plan, effect, design, state)
+            state = _apply_catalogue_law(plan, effect, design, state)
         else:
-            state = _apply_form(effect, covariates, state)
-    state = _add_scatter(plan, state, chance)
-    if bool(state.find_locked()[0]) or not _is_physical(state):
+            state = _apply_covariate_form(effect, covariates, state)
+    state = _add_scatter(plan, state, generator)
+    if bool(state.mark_locked_trials()[0]) or not _are_quantities_positive(state):
         return None
     return state
 
 
-def _find_nominal_height(row: Mapping[str, str], heights: Mapping[float, float]) -> float:
+def _find_planned_height(row: Mapping[str, str], heights: Mapping[float, float]) -> float:
     """Return the height of the plan that a row has rounded [m]."""
     height = float(row["height_um"])
     return min(heights, key=lambda nominal: abs(nominal * 1e6 - height))
 
 
-def _build_design(plan: SessionPlan, row: Mapping[str, str], height: float) -> BenchDesign:
+def _build_trial_design(plan: SessionPlan, row: Mapping[str, str], height: float) -> BenchDesign:
     """Return the conditions of one trial in SI."""
     numbers = {}
     for name in NUMBERS:
@@ -106,7 +106,7 @@ def _build_design(plan: SessionPlan, row: Mapping[str, str], height: float) -> B
     )
 
 
-def _list_nominal_values(plan: SessionPlan) -> dict[str, float]:
+def _map_nominal_values(plan: SessionPlan) -> dict[str, float]:
     """Return the parameters of the nominal model of a plan."""
     return {
         "friction": plan.model.friction,
@@ -117,7 +117,7 @@ def _list_nominal_values(plan: SessionPlan) -> dict[str, float]:
     }
 
 
-def _apply_law(
+def _apply_catalogue_law(
     plan: SessionPlan, effect: PlantedEffect, design: BenchDesign, state: DragState
 ) -> DragState:
     """Return the state after an effect that is a law of the catalogue."""
@@ -125,12 +125,12 @@ def _apply_law(
     law = laws[effect.law]
     values = {parameter.name: parameter.start for parameter in law.parameters}
     values |= effect.parameters
-    covariate = select_covariate(design, state, law.covariate)
+    covariate = compute_followed_covariate(design, state, law.covariate)
     planted: DragState = law.apply(state, covariate, values)
     return planted
 
 
-def _apply_form(
+def _apply_covariate_form(
     effect: PlantedEffect, covariates: Mapping[str, float | str], state: DragState
 ) -> DragState:
     """Return the state after an effect that is a form of one covariate."""
@@ -138,18 +138,18 @@ def _apply_form(
     changed: dict[str, Array] = {}
     for name in _SLOTS.get(slot, (slot,)):
         value = float(getattr(state, name)[0])
-        changed[name] = np.array([effect.apply(value, covariates)])
+        changed[name] = np.array([effect.compute_changed_value(value, covariates)])
     if effect.slot == "normal_load":
         # a load that is not the one set is weighed by the gauge all the same
         changed["sensed_offset"] = state.sensed_offset + changed["load"] - state.load
     return state.changed(**changed)
 
 
-def _add_scatter(plan: SessionPlan, state: DragState, chance: np.random.Generator) -> DragState:
+def _add_scatter(plan: SessionPlan, state: DragState, generator: np.random.Generator) -> DragState:
     """Return the state with what differs from trial to trial."""
-    friction = plan.scatter.friction * chance.standard_normal()
-    load = plan.scatter.load * chance.standard_normal()
-    ln_energy = plan.scatter.energy * chance.standard_normal()
+    friction = plan.scatter.friction * generator.standard_normal()
+    load = plan.scatter.load * generator.standard_normal()
+    ln_energy = plan.scatter.energy * generator.standard_normal()
     sensed = state.set_load + state.sensed_offset
     return state.changed(
         friction=state.friction + friction,
@@ -159,7 +159,7 @@ def _add_scatter(plan: SessionPlan, state: DragState, chance: np.random.Generato
     )
 
 
-def _is_physical(state: DragState) -> bool:
+def _are_quantities_positive(state: DragState) -> bool:
     """Tell whether all quantities that must be positive are so."""
     positive = np.stack(
         [state.load, state.friction, state.stiffness, state.conversion, state.height]
@@ -186,13 +186,13 @@ def build_rig(plan: SessionPlan, state: DragState) -> Rig:
     )
 
 
-def compute_truth(plan: SessionPlan, state: DragState) -> Truth | None:
+def compute_truth_by_equations(plan: SessionPlan, state: DragState) -> Truth | None:
     """Compute the figures of a trial by equations (1) and (2), before gauge and rig.
 
     The result is None where nothing catches or rings.
     """
     ideal_gauge = state.changed(gain=np.ones(1), lag=np.zeros(1))
-    channels, *_ = compute_channels(ideal_gauge)
+    channels, *_ = compute_shown_channels(ideal_gauge)
     ln_energy, ln_peak, friction, stiffness_ratio, ln_frequency, ln_decay_time, *_ = channels
     load = float(state.set_load[0] + state.sensed_offset[0])
     energy = math.exp(ln_energy)

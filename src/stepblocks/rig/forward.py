@@ -16,7 +16,7 @@ from stepblocks.contact.laws import FrictionLaw, build_laws
 from stepblocks.contact.operating_point import PAPER, Tool
 from stepblocks.errors import ContactError, PipelineError
 from stepblocks.lawsearch.law import ActiveAtPoints, Law, Parameter
-from stepblocks.rig.state import DragState, Floats, compute_channels, indent_edge
+from stepblocks.rig.state import DragState, Floats, compute_shown_channels, indent_contact
 
 TOGETHER = " * "  # between the names of two covariates that act together
 PEAK_FORCE = "peak_force_n"  # a quantity of the model that an effect may follow like a column
@@ -69,7 +69,7 @@ class BenchDesign:
     def block_membership(self) -> tuple[tuple[str, ...], NDArray[np.intp]]:
         """Names of the blocks' height errors, and which of them each trial has."""
         blocks, inverse = np.unique(self.block, return_inverse=True)
-        names = tuple(map(name_height_error, blocks.tolist()))
+        names = tuple(map(make_height_error_name, blocks.tolist()))
         return names, inverse
 
     @cached_property
@@ -120,37 +120,37 @@ def build_bench_design(
     )
 
 
-def parse_tip_radius_um(tip: str, default: float) -> float:
+def parse_tip_radius_um(tip_label: str, default_um: float) -> float:
     """Return the radius of a tip [um] from its label, such as ``tip-125``.
 
-    `default` where the name has no number.
+    `default_um` where the name has no number.
     """
-    match = re.fullmatch(r"tip-(\d+(?:\.\d+)?)(?:um)?", str(tip).strip())
+    match = re.fullmatch(r"tip-(\d+(?:\.\d+)?)(?:um)?", str(tip_label).strip())
     if match is None:
-        return default
+        return default_um
     return float(match.group(1))
 
 
 def read_tip_radii_um(
-    tips: Iterable[str], declared_um: float, place: str = ""
+    tip_labels: Iterable[str], declared_um: float, place_in_message: str = ""
 ) -> NDArray[np.float64]:
     """Return the radii of tips [um] from their labels; refuse them if none is the declared one."""
-    radii = np.array([parse_tip_radius_um(tip, declared_um) for tip in tips])
+    radii = np.array([parse_tip_radius_um(tip, declared_um) for tip in tip_labels])
     if radii.size and not np.isclose(radii, declared_um, rtol=_RADIUS_TOLERANCE).any():
         labels = ", ".join(f"{radius:g} um" for radius in np.unique(radii).tolist())
         raise PipelineError(
             f"tips of the table must agree with `probe.tip_radius`, {declared_um:g} um: their "
-            f"labels say {labels}; correct either{place}"
+            f"labels say {labels}; correct either{place_in_message}"
         )
     return radii
 
 
-def name_height_error(block: str) -> str:
+def make_height_error_name(block: str) -> str:
     """Return the name of the height error of a block."""
     return f"height_error[{block}]"
 
 
-def list_constants(
+def list_fitted_constants(
     design: BenchDesign,
     tool: Tool = PAPER.tool,
     height_std: float = 1e-6,
@@ -189,31 +189,33 @@ def list_constants(
         nominal = float(design.height[is_of_block][0])
         height, spread = (scanned or {}).get(block, (nominal, height_std))
         reach = min(_HEIGHT_REACH * height_std, _MOST_OF_STEP * nominal)
-        constants.append(_make_height_constant(block, height - nominal, reach, spread))
+        constants.append(_make_height_error_parameter(block, height - nominal, reach, spread))
     return tuple(constants)
 
 
-def _make_height_constant(block: str, start: float, reach: float, spread: float) -> Parameter:
+def _make_height_error_parameter(
+    block: str, start: float, reach: float, prior_std: float
+) -> Parameter:
     """Make the height error of a block: where it begins, how far it may go, its spread [m]."""
     return Parameter(
-        name_height_error(block),
+        make_height_error_name(block),
         "m",
         start,
         low=start - reach,
         high=start + reach,
         scale=_HEIGHT_SCALE,
-        prior_std=max(spread, _LEAST_HEIGHT_STD),
+        prior_std=max(prior_std, _LEAST_HEIGHT_STD),
         block=block,
     )
 
 
 @lru_cache(maxsize=64)
-def _build_empty_state(count: int) -> DragState:
+def _build_zero_state(trial_count: int) -> DragState:
     """Build a state of which every slot is zero.
 
     It is shared by all states of as many trials, and never written to.
     """
-    zero = np.zeros(count)
+    zero = np.zeros(trial_count)
     zero.flags.writeable = False
     slots: dict[str, Any] = {slot.name: zero for slot in fields(DragState)}
     return DragState(**slots)
@@ -233,11 +235,11 @@ def build_nominal_state(design: BenchDesign, values: Mapping[str, float | Floats
     damper = 2.0 * spring_constant / (omega**2 * decay_time)
     damper_share = values.get("damper_share", 0.0)
     damper_force = -damper_share * damper * design.speed
-    height = design.height + _spread_height_errors(design, values)
+    height = design.height + _expand_height_errors_to_trials(design, values)
     radius = design.tip_radius + values.get("edge_radius", 0.0)
     conversion = np.exp(values["ln_conversion"]) * unity
     ramp_stiffness = spring_constant * values["stiffness_ratio"] * unity
-    state = _build_empty_state(len(design.block)).changed(
+    state = _build_zero_state(len(design.block)).changed(
         height=height,
         radius=radius,
         friction=values["friction"] * sliding,
@@ -259,10 +261,12 @@ def build_nominal_state(design: BenchDesign, values: Mapping[str, float | Floats
     )
     if design.indentation is None:
         return state
-    return indent_edge(state, design.indentation.depth, design.indentation.power)
+    return indent_contact(state, design.indentation.depth, design.indentation.power)
 
 
-def _spread_height_errors(design: BenchDesign, values: Mapping[str, float | Floats]) -> Floats:
+def _expand_height_errors_to_trials(
+    design: BenchDesign, values: Mapping[str, float | Floats]
+) -> Floats:
     """Give each trial the height error of its block [m], shape (n,)."""
     names, block_of_trial = design.block_membership
     errors = [values.get(name, 0.0) for name in names]
@@ -280,29 +284,29 @@ def build_extended_state(
     Release after contact, what follows the peak when it is known.
     """
     state = build_nominal_state(design, values)
-    in_order = sorted(active, key=lambda effect: _rank_in_order_of_application(effect[0]))
+    in_order = sorted(active, key=lambda effect: _make_application_sort_key(effect[0]))
     for law, law_values in in_order:
         column = None
         if law.given:
-            column = select_covariate(design, state, law.covariate)
+            column = compute_followed_covariate(design, state, law.covariate)
         state = law.apply(state, column, law_values)
     return state
 
 
-def _rank_in_order_of_application(law: Law) -> tuple[bool, bool]:
+def _make_application_sort_key(law: Law) -> tuple[bool, bool]:
     """Return the key that sorts laws by their order of application: after what they need."""
     follows_peak = law.given and law.covariate == PEAK_FORCE
     return follows_peak, law.slot == "conversion"
 
 
-def list_covariate_columns(covariate: str) -> tuple[str, ...]:
+def split_covariate_columns(covariate: str) -> tuple[str, ...]:
     """Columns of the table of trials that an effect over a covariate needs."""
     if covariate in _COMPUTED:
         return ()
     return tuple(covariate.split(TOGETHER))
 
 
-def select_covariate(
+def compute_followed_covariate(
     design: BenchDesign, state: DragState, covariate: str
 ) -> NDArray[np.generic] | None:
     """Return the column of the design, or quantity of the state, that an effect follows."""
@@ -315,7 +319,7 @@ def select_covariate(
     if covariate == SPEED_OVER_LOAD:
         return 1e3 * design.speed / design.load
     if TOGETHER in covariate:
-        columns = [design.covariates[name] for name in list_covariate_columns(covariate)]
+        columns = [design.covariates[name] for name in split_covariate_columns(covariate)]
         return np.stack(columns, axis=1)
     return design.covariates[covariate]
 
@@ -325,7 +329,7 @@ def compute_channel_responses(state: DragState) -> Floats:
 
     These three scatter among trials; the shape is (n, 7, 3).
     """
-    base = compute_channels(state)
+    base = compute_shown_channels(state)
     growth = 1.0 + _RESPONSE_STEP
     sensed = state.set_load + state.sensed_offset
     moved = (
@@ -335,6 +339,6 @@ def compute_channel_responses(state: DragState) -> Floats:
     )
     responses = []
     for changed in moved:
-        change = compute_channels(changed) - base
+        change = compute_shown_channels(changed) - base
         responses.append(change / _RESPONSE_STEP)
     return np.stack(responses, axis=2)

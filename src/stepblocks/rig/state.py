@@ -84,21 +84,21 @@ class DragState:
     decay_time: Floats  # of the ring's amplitude without further damping [s]
     nominal_stiffness: float  # to which frequency and channel refer [N/m]
 
-    def _compute_open_angle(self) -> Floats:
+    def _compute_unlimited_angle(self) -> Floats:
         """Slope of the path at release plus angle of friction [rad], whether locked or not."""
         ratio = self.height / self.radius
         step = np.minimum(np.maximum(ratio, _LOWEST_STEP), _HIGHEST_STEP)
-        step_angle = kernels.compute_angle_on_step(step, 1.0)
+        step_angle = kernels.compute_edge_contact_angle(step, 1.0)
         friction_angle = np.arctan(self.friction * self.edge_factor)
         return np.asarray(step_angle + (self.tilt + friction_angle))
 
-    def compute_angle(self) -> Floats:
+    def compute_release_angle(self) -> Floats:
         """Slope of the path at release plus angle of friction [rad], held below locking."""
-        return np.minimum(np.maximum(self._compute_open_angle(), -1.0), _STEEPEST)
+        return np.minimum(np.maximum(self._compute_unlimited_angle(), -1.0), _STEEPEST)
 
-    def find_locked(self) -> NDArray[np.bool_]:
+    def mark_locked_trials(self) -> NDArray[np.bool_]:
         """Mark the trials in which the tip never climbs."""
-        is_steep = self._compute_open_angle() >= 0.5 * np.pi
+        is_steep = self._compute_unlimited_angle() >= 0.5 * np.pi
         is_riser = self.height >= self.radius
         return np.asarray(is_steep | is_riser)
 
@@ -106,7 +106,7 @@ class DragState:
         """Tangential force on the tool at release [N]; equation (1)."""
         lifted = np.maximum(self.load + self.climb_load, _LEAST_LOAD)
         # the friction is in the angle, and held below locking with it
-        climb = kernels.compute_pull_force(lifted, self.compute_angle(), 0.0)
+        climb = kernels.compute_pull_force(lifted, self.compute_release_angle(), 0.0)
         pull = climb + self.drag + self.climb_drag
         return np.asarray(np.maximum(pull, _LEAST_FORCE))
 
@@ -143,14 +143,14 @@ class DragState:
         return copy
 
 
-def indent_edge(state: DragState, depth: float | Floats, power: float | Floats) -> DragState:
+def indent_contact(state: DragState, depth: float | Floats, power: float | Floats) -> DragState:
     """Let the edge indent the ball, or press the block into its holder.
 
     `depth` is that at 1 N [m], and follows the force across the edge with a power.
     """
     friction_angle = np.arctan(state.friction * state.edge_factor)
     load = np.maximum(state.load, _LEAST_LOAD)
-    across = load * np.cos(friction_angle) / np.cos(state.compute_angle())
+    across = load * np.cos(friction_angle) / np.cos(state.compute_release_angle())
     deep = depth * across**power
     # the ball comes nearer to the edge by the depth: cos a = (R - H) / (R - deep)
     height = state.radius * (state.height - deep) / (state.radius - deep)
@@ -162,27 +162,27 @@ def indent_edge(state: DragState, depth: float | Floats, power: float | Floats) 
     return state.changed(height=height).shifted(give=give)
 
 
-def compute_channels(state: DragState) -> Floats:
+def compute_shown_channels(state: DragState) -> Floats:
     """Show the `CHANNELS` of n trials, shape (n, 7)."""
     force = state.compute_peak_force()
     sliding = state.compute_sliding_force()
-    spring = _compute_spring(state, force, sliding)
-    energy = _lose_energy(state, state.conversion * spring.stored)
+    spring = _compute_spring_between_forces(state, force, sliding)
+    energy = _subtract_lost_energy(state, state.conversion * spring.stored)
     # an amplitude of force counts as A^2 / 2k with the nominal k, whatever k it rings with: a
     # stiffer spring shows no more
     energy = energy * (state.ring_stiffness / state.nominal_stiffness)
     if state.hardening.any():
-        hardened = _show_hardening_spring(state, energy, spring)
+        hardened = _compute_hardened_ring(state, energy, spring)
         energy = hardened.energy
         spring = hardened.spring
     shown = _Shown(energy, force, sliding, state.stiffness * spring.slope)
     if state.lag.any():
-        shown = _lag_behind(state, shown)
+        shown = _apply_gauge_lag(state, shown)
     # how far the loops of the gauge open [1]
     loop = state.gauge_hysteresis * np.sqrt(2.0 * state.nominal_stiffness * shown.energy)
     if state.gauge_square.any() or loop.any():
-        shown = _bend_gauge(state, shown, force, loop)
-    return _convert_to_channels(state, shown, spring, sliding, loop)
+        shown = _apply_gauge_nonlinearity(state, shown, force, loop)
+    return _build_channel_columns(state, shown, spring, sliding, loop)
 
 
 class _Shown(NamedTuple):
@@ -194,7 +194,7 @@ class _Shown(NamedTuple):
     ramp: Floats  # slope of the line through the ramp, over the way of the handle [N/m]
 
 
-def _lose_energy(state: DragState, energy: Floats) -> Floats:
+def _subtract_lost_energy(state: DragState, energy: Floats) -> Floats:
     """Subtract the energy that is lost before the ring [J]; the result stays positive."""
     if not state.lost_energy.any():
         return energy
@@ -211,7 +211,7 @@ class _HardenedRing(NamedTuple):
     spring: "_Spring"  # with the pitch of that amplitude
 
 
-def _show_hardening_spring(state: DragState, energy: Floats, spring: "_Spring") -> _HardenedRing:
+def _compute_hardened_ring(state: DragState, energy: Floats, spring: "_Spring") -> _HardenedRing:
     """Show the ring of a hardening spring that swings with an energy [J].
 
     2 k E = c A^2 + g A^4 / 2 about the level that it rings about; the force at A is A (c + g A^2).
@@ -225,7 +225,7 @@ def _show_hardening_spring(state: DragState, energy: Floats, spring: "_Spring") 
     return _HardenedRing(shown, spring._replace(pitch=pitch))
 
 
-def _lag_behind(state: DragState, shown: _Shown) -> _Shown:
+def _apply_gauge_lag(state: DragState, shown: _Shown) -> _Shown:
     """Show a trial by a gauge of first order.
 
     It is late on the ramp by its time constant, and flattens the ring by sqrt(1 + (2 pi f tau)^2).
@@ -241,7 +241,9 @@ def _lag_behind(state: DragState, shown: _Shown) -> _Shown:
     return shown._replace(peak=peak, energy=energy)
 
 
-def _bend_gauge(state: DragState, shown: _Shown, force: Floats, loop: Floats) -> _Shown:
+def _apply_gauge_nonlinearity(
+    state: DragState, shown: _Shown, force: Floats, loop_opening: Floats
+) -> _Shown:
     """Show a trial by a gauge that is not linear, or has loops after Rayleigh.
 
     The ring swings about the sliding force, and the line of the ramp ends below the peak `force`
@@ -250,22 +252,22 @@ def _bend_gauge(state: DragState, shown: _Shown, force: Floats, loop: Floats) ->
     bend = state.gauge_square + state.gauge_hysteresis
     sliding = shown.sliding
     end = sliding + _LINE_SHARE * (force - sliding)
-    swing = 1.0 + 2.0 * state.gauge_square * sliding + _LOOP_AT_RELEASE * loop
+    swing = 1.0 + 2.0 * state.gauge_square * sliding + _LOOP_AT_RELEASE * loop_opening
     mean_slope = 1.0 + bend * (sliding + end)
     return _Shown(
         energy=shown.energy * swing**2,
-        peak=_bend_force(shown.peak, bend),
-        sliding=_bend_force(sliding, bend),
+        peak=_bend_force_reading(shown.peak, bend),
+        sliding=_bend_force_reading(sliding, bend),
         ramp=shown.ramp * mean_slope,
     )
 
 
-def _bend_force(force: Floats, bend: Floats) -> Floats:
+def _bend_force_reading(force: Floats, bend: Floats) -> Floats:
     """Show a force [N] that rises for the first time, by a gauge that bends it [1/N]."""
     return force * (1.0 + bend * force)
 
 
-def _convert_to_channels(
+def _build_channel_columns(
     state: DragState, shown: _Shown, spring: "_Spring", sliding: Floats, loop_opening: Floats
 ) -> Floats:
     """Compute the `CHANNELS`, some of them logarithms, shape (n, 7).
@@ -275,7 +277,7 @@ def _convert_to_channels(
     """
     pressed = np.maximum(state.set_load + state.sensed_offset, _LEAST_LOAD)
     normal = pressed + state.normal_cross_talk * sliding
-    normal = _bend_force(normal, state.normal_square)
+    normal = _bend_force_reading(normal, state.normal_square)
     sensed = np.maximum(state.normal_gain * normal + state.normal_zero, _LEAST_LOAD)
     beside = state.zero + state.cross_talk * pressed
     energy = np.maximum(state.gain**2 * shown.energy, _LEAST_ENERGY)
@@ -309,7 +311,7 @@ class _Spring(NamedTuple):
     pitch: Floats  # the stiffness that it rings with, over k
 
 
-def _compute_spring(state: DragState, force: Floats, sliding: Floats) -> _Spring:
+def _compute_spring_between_forces(state: DragState, force: Floats, sliding: Floats) -> _Spring:
     """Compute the spring between the sliding force and the peak [N]."""
     if not state.hardening.any():
         unity = np.ones_like(force)

@@ -107,7 +107,7 @@ def build_scene(
     if device is not None:
         plan = plan_rendering(device, contact.events[0], point, scale)
         magnification = plan.scale
-    frame = _choose_frame(surface)
+    frame = _choose_scene_frame(surface)
     solids = []
     for solid in build_solids(surface):
         solids.append(frame.transform_mesh(mesh_solid(surface, *solid), magnification))
@@ -133,7 +133,9 @@ def build_scene(
     )
 
 
-def lay_out_teeth(scenes: Sequence[Scene], folder: Path) -> Iterator[tuple[Mesh, list[Scene]]]:
+def iterate_scanned_teeth(
+    scenes: Sequence[Scene], folder: Path
+) -> Iterator[tuple[Mesh, list[Scene]]]:
     """Lay the sections of scanned margins round their teeth, each beside the surface of its scan.
 
     The meshes lie in `folder`.
@@ -149,11 +151,11 @@ def lay_out_teeth(scenes: Sequence[Scene], folder: Path) -> Iterator[tuple[Mesh,
         first_scene, first_margin = stations[0]
         scan = first_margin.read_tooth_mesh(folder, first_scene.scale)
         width = _OVERLAP * apart
-        sections = [_place_section(scene, margin, width) for scene, margin in stations]
+        sections = [_place_section_at_station(scene, margin, width) for scene, margin in stations]
         yield scan, sections
 
 
-def _place_section(scene: Scene, margin: ScannedMargin, width: float) -> Scene:
+def _place_section_at_station(scene: Scene, margin: ScannedMargin, width: float) -> Scene:
     """Lay a section, so wide along the margin [m], at its station.
 
     The level ends of the bar, which a tooth has not, are left out. A piece reaches no deeper than
@@ -197,7 +199,7 @@ def resolve_contact(
             )
         surface = build_plain_step(step_height, f"{stimulus.id[:30].rstrip('-')}-step")
     if learned is not None:
-        surface, point, events = apply_learned_model(
+        surface, point, events = apply_learned_model_to_contact(
             learned, surface, point, keep_friction=keep_friction
         )
     else:
@@ -211,7 +213,7 @@ def resolve_contact(
     return Contact(stimulus, surface, point, events)
 
 
-def _choose_frame(surface: Part) -> Frame:
+def _choose_scene_frame(surface: Part) -> Frame:
     """Choose the frame: what is turned about the drag lies on its side, its axis below."""
     if surface.turn_radius is None:
         return Frame(np.eye(3), np.zeros(3), surface.axes)
@@ -235,11 +237,11 @@ def _join_meshes(name: str, meshes: Sequence[Mesh]) -> Mesh:
     return Mesh(name, vertices, np.concatenate(triangles))
 
 
-def apply_learned_model(
+def apply_learned_model_to_contact(
     learned: LearnedModel, surface: Part, point: OperatingPoint, *, keep_friction: bool = False
 ) -> tuple[Part, OperatingPoint, Events]:
     """Apply a learned model to a surface, its operating point and its events."""
-    known = _predict_with_model(learned, surface, point, 1)
+    known = _predict_with_learned_model(learned, surface, point, 1)
     friction = known.friction
     if keep_friction:
         friction = point.friction
@@ -262,14 +264,14 @@ def _apply_learned_energy(
     """Give an event the energy that the model predicts for it, where it predicts one."""
     if event.status is not Status.RELEASES:
         return event
-    known = _predict_with_model(learned, surface, point, event.direction)
+    known = _predict_with_learned_model(learned, surface, point, event.direction)
     energy, _, _ = known.energy
     if not math.isfinite(energy):
         energy = event.energy
     return replace(event, energy=energy, learned=known)
 
 
-def _predict_with_model(
+def _predict_with_learned_model(
     learned: LearnedModel, surface: Part, point: OperatingPoint, direction: int
 ) -> "LearnedDrag":
     """Predict the drag over this edge as over a step: of its height, or of its critical angle."""
@@ -324,7 +326,7 @@ def replace_ring_by_drag(
         _RATE,
         float(time[first] - trace.release_time),
         trace.peak_force,
-        measure_ring(trace, spectra=False).energy,
+        measure_ring(trace, with_spectra=False).energy,
         factor,
     )
     return replace(event, waveform=waveform)

@@ -99,41 +99,43 @@ def compare_record(
     if isinstance(stimulus, VibrationEvent):
         event = stimulus
     else:
-        event = _predict_event(Path(stimulus), overrides, backward)
+        event = _predict_event_of_stimulus(Path(stimulus), overrides, backward)
     place = "table" if isinstance(record, pd.DataFrame) else str(record)
-    force, rate, has_pull = _read_record(record, place, event, layout)
-    start = _find_release(force, rate, event)
-    tail = _cut_ring(force[start:], rate, event, place)
-    recorded, explained = _measure_ring(tail, rate, event)
+    force, rate, has_pull = _read_force_record(record, place, event, layout)
+    start = _find_release_sample(force, rate, event)
+    tail = _cut_ring_after_release(force[start:], rate, event, place)
+    recorded, explained = _measure_ring_figures(tail, rate, event)
     if explained < _EXPLAINED:
         raise HapticsError(
             f"a record must hold a ring near {event.tool.frequency:g} Hz after the release, got "
             f"none: a decaying sine explains {100.0 * explained:.0f} % of what follows [{place}]"
         )
-    ideal, _ = _measure_ring(compute_ring_force(event, rate)[: len(tail)], rate, event)
+    ideal, _ = _measure_ring_figures(compute_ring_force(event, rate)[: len(tail)], rate, event)
     if has_pull:
         before = np.abs(force[max(0, start - math.ceil(_BEFORE * rate)) : start])
         recorded["peak force"] = before.max(initial=0.0)
         ideal["peak force"] = event.critical_force
-    table = _tabulate_differences(recorded, ideal)
+    table = _make_difference_table(recorded, ideal)
     if output is not None:
         write_table(table, Path(output), "%.6g")
     return table
 
 
-def _cut_ring(force: Array, rate: float, event: VibrationEvent, place: str) -> Array:
+def _cut_ring_after_release(
+    force_after_release: Array, rate: float, event: VibrationEvent, place_in_message: str
+) -> Array:
     """Cut the ring from what follows a release; a record that ends too soon is refused."""
     length = math.ceil(_LENGTH * event.tool.decay_time * rate)
-    tail = force[:length]
+    tail = force_after_release[:length]
     if len(tail) < _LEAST_LENGTH * length:
         raise HapticsError(
             f"a record must go on for {1e3 * length / rate:.3g} ms after the release, got "
-            f"{1e3 * len(tail) / rate:.3g} ms [{place}]"
+            f"{1e3 * len(tail) / rate:.3g} ms [{place_in_message}]"
         )
     return tail
 
 
-def _tabulate_differences(
+def _make_difference_table(
     recorded: Mapping[str, float], ideal: Mapping[str, float]
 ) -> pd.DataFrame:
     """Put each figure beside its ideal, in just noticeable differences; the score stands last."""
@@ -158,7 +160,9 @@ def _tabulate_differences(
     return table
 
 
-def _predict_event(stimulus: Path, overrides: dict[str, float], backward: bool) -> VibrationEvent:
+def _predict_event_of_stimulus(
+    stimulus: Path, overrides: dict[str, float], backward: bool
+) -> VibrationEvent:
     """Predict the event of a stimulus that is named by its file and identity."""
     stimuli = load_set(stimulus.parent if stimulus.parent.name else stimulus)
     parts = {part.id: part for part in stimuli.stimuli}
@@ -191,15 +195,18 @@ class _ForceRecord(NamedTuple):
     has_pull: bool  # whether it holds the pull too, and not the ring alone
 
 
-def _read_record(
-    record: str | Path | pd.DataFrame, place: str, event: VibrationEvent, layout: TableLayout
+def _read_force_record(
+    record: str | Path | pd.DataFrame,
+    place_in_message: str,
+    event: VibrationEvent,
+    layout: TableLayout,
 ) -> _ForceRecord:
     """Read the force of a record; of an acceleration it is that on the mass that rings."""
     if isinstance(record, str | Path) and Path(record).suffix in (".h5", ".hdf5"):
         refuse_declared_layout(layout, f"an HDF5 file [{record}]", HapticsError)
-        force, rate = _read_motion(record, place)
+        force, rate = _read_motion_file(record, place_in_message)
         return _ForceRecord(force, rate, has_pull=True)
-    source: object = place
+    source: object = place_in_message
     if isinstance(record, pd.DataFrame):
         refuse_declared_layout(layout, "a table in memory", HapticsError)
         frame = record
@@ -212,18 +219,18 @@ def _read_record(
     if has_pull:
         wanted["force"] = (("force", "force_x"), "force", None)
     columns = read_si_columns(frame, wanted, source)
-    rate = _find_sample_rate(columns["time"], event, place)
+    rate = _estimate_sample_rate(columns["time"], event, place_in_message)
     if has_pull:
         force = columns["force"]
     else:
         acceleration = frame["acceleration_m_s2"].to_numpy(dtype=np.float64)
         force = acceleration * event.tool.effective_mass
     if not np.isfinite(force).all():
-        raise HapticsError(f"the record must have finite samples, got others [{place}]")
+        raise HapticsError(f"the record must have finite samples, got others [{place_in_message}]")
     return _ForceRecord(force, rate, has_pull)
 
 
-def _read_motion(record: str | Path, place: str) -> tuple[Array, float]:
+def _read_motion_file(record: str | Path, place_in_message: str) -> tuple[Array, float]:
     """Read force along the drag [N] and rate [Hz] of a trial as ``study run`` writes it."""
     import h5py
 
@@ -232,15 +239,16 @@ def _read_motion(record: str | Path, place: str) -> tuple[Array, float]:
             force = np.asarray(file["force_x_n"][:], dtype=np.float64)
             return force, float(file.attrs["rate_hz"])
     except (OSError, ValueError, KeyError) as error:
-        raise HapticsError(f"the record cannot be read: {error} [{place}]") from error
+        raise HapticsError(f"the record cannot be read: {error} [{place_in_message}]") from error
 
 
-def _find_sample_rate(time: Array, event: VibrationEvent, place: str) -> float:
+def _estimate_sample_rate(time: Array, event: VibrationEvent, place_in_message: str) -> float:
     """Find the rate of samples [Hz]; times that do not rise, or too slowly, are refused."""
     steps = np.diff(time)
     if len(steps) < _LEAST_ROWS - 1 or not (steps > 0.0).all():
         raise HapticsError(
-            f"time_s must rise in at least {_LEAST_ROWS} rows, got {len(steps) + 1} [{place}]"
+            f"time_s must rise in at least {_LEAST_ROWS} rows, got {len(steps) + 1} "
+            f"[{place_in_message}]"
         )
     step = float(np.median(steps))
     frequency = event.tool.frequency
@@ -248,12 +256,12 @@ def _find_sample_rate(time: Array, event: VibrationEvent, place: str) -> float:
         raise HapticsError(
             f"time_s must rise by at most {1e3 / (_SAMPLES * frequency):.2g} ms to show a ring of "
             f"{frequency:g} Hz, got steps of {1e3 * step:.3g} ms; a column in milliseconds is "
-            f"called time_ms [{place}]"
+            f"called time_ms [{place_in_message}]"
         )
     return 1.0 / step
 
 
-def _find_release(force: Array, rate: float, event: VibrationEvent) -> int:
+def _find_release_sample(force: Array, rate: float, event: VibrationEvent) -> int:
     """Find where the ring begins: where the changes of the force resemble those of the ideal most.
 
     The fall of the pull at the release is a change at the same place, and no part of the ring.
@@ -273,7 +281,7 @@ def _find_release(force: Array, rate: float, event: VibrationEvent) -> int:
     return start
 
 
-def _measure_ring(
+def _measure_ring_figures(
     force: Array, rate: float, event: VibrationEvent
 ) -> tuple[dict[str, float], float]:
     """Measure energy, frequency, decay and band of a ring by a decaying sine and by its spectrum.
@@ -295,7 +303,7 @@ def _measure_ring(
         "ring energy": compute_ring_energy(sine.ring, rate, tool) * carried,
         "ring frequency": sine.frequency,
         "ring decay": sine.decay,
-        "energy in the ring's band": _measure_band_share(sine.ring, rate, tool),
+        "energy in the ring's band": _compute_ring_band_share(sine.ring, rate, tool),
     }
     return figures, explained
 
@@ -355,7 +363,7 @@ def _fit_decaying_sine(time: Array, force: Array, tool: Tool) -> _DecayingSine:
     )
 
 
-def _measure_band_share(ring: Array, rate: float, tool: Tool) -> float:
+def _compute_ring_band_share(ring: Array, rate: float, tool: Tool) -> float:
     """Measure the share of power in the ring's band: the paper's is 250 to 350 Hz of 300."""
     length = 2 ** math.ceil(math.log2(len(ring)) + 2)
     power = np.abs(np.fft.rfft(ring, length)) ** 2

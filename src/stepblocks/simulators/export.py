@@ -17,7 +17,7 @@ from stepblocks.haptics.devices import (
     Device,
     RenderingPlan,
     choose_common_scale,
-    find_device,
+    get_device,
     load_devices,
     plan_rendering,
     require_renderable,
@@ -25,14 +25,19 @@ from stepblocks.haptics.devices import (
 from stepblocks.parts.kind import Part
 from stepblocks.quantities import format_quantity
 from stepblocks.records.model import LearnedModel, read_model
-from stepblocks.simulators.assemble import Contact, build_scene, lay_out_teeth, resolve_contact
+from stepblocks.simulators.assemble import (
+    Contact,
+    build_scene,
+    iterate_scanned_teeth,
+    resolve_contact,
+)
 from stepblocks.simulators.conditions import refuse_bad_overrides, refuse_bad_scale
 from stepblocks.simulators.scene import (
     Scene,
     SceneFormat,
-    find_full_scale_force,
+    compute_full_scale_force,
     write_scene,
-    write_tooth,
+    write_tooth_scene,
 )
 from stepblocks.simulators.scenes import SCENE_FORMATS
 
@@ -120,7 +125,7 @@ def export_scenes(
         If a file, a device or a value is wrong, nothing matches, or the device does not render a
         stimulus that is meant.
     """
-    forms = _find_formats(simulator)
+    forms = _get_scene_formats(simulator)
     if ring not in ("exponential", "drag"):
         raise PipelineError(f"--ring must be one of exponential, drag, got {ring!r}")
     refuse_bad_overrides(overrides)
@@ -129,27 +134,27 @@ def export_scenes(
     profiles = load_devices(devices)  # a missing file is named even where no device is asked for
     order = _Order(
         forms=forms,
-        device=None if device is None else find_device(device, profiles),
+        device=None if device is None else get_device(device, profiles),
         scale=scale,
         only=only,
     )
     learned = None if model is None else read_model(Path(model))
     batches = []
     for declared, source in load_sets(files):
-        stimuli = _split_edges(declared.keep_felt())
-        contacts = _resolve_set(stimuli, learned, step_height, ring, overrides)
-        batches.append(_gather_batch(stimuli, source, contacts, order))
+        stimuli = _split_two_step_blocks(declared.keep_felt())
+        contacts = _resolve_set_contacts(stimuli, learned, step_height, ring, overrides)
+        batches.append(_make_batch(stimuli, source, contacts, order))
     if step_height is not None:
         _refuse_idle_step_height(step_height, batches)
     if order.device is not None:
-        require_renderable(_yield_plans(order.device, batches))
+        require_renderable(_iterate_rendering_plans(order.device, batches))
     exported: list[Exported] = []
     with make_draft_folder(Path(output)) as draft:
         for batch in batches:
-            scenes = _build_scenes(batch, order)
+            scenes = _build_batch_scenes(batch, order)
             for identity, scene in scenes.items():
                 for form in order.forms:
-                    folder = Path(batch.stimuli.name) / identity / order.name_folder(form)
+                    folder = Path(batch.stimuli.name) / identity / order.format_folder_name(form)
                     (draft / folder).mkdir(parents=True)
                     write_scene(draft / folder, scene, form)
                     written = Exported(
@@ -161,12 +166,12 @@ def export_scenes(
             for form in order.forms:
                 _write_whole_set(draft, batch, list(scenes.values()), form, order)
         if not exported:
-            _refuse_empty_export(batches, only)
-        _move_into_place(draft, Path(output))
+            _raise_for_empty_export(batches, only)
+        _move_files_into_place(draft, Path(output))
     return exported
 
 
-def _split_edges(stimuli: StimulusSet) -> StimulusSet:
+def _split_two_step_blocks(stimuli: StimulusSet) -> StimulusSet:
     """Return a set with a block of its own for each edge of a block with two steps.
 
     A scene rings at one edge: a second one in its meshes would be silent.
@@ -195,7 +200,7 @@ def _refuse_idle_step_height(step_height: float, batches: "Sequence[_Batch]") ->
     )
 
 
-def _refuse_empty_export(batches: "Sequence[_Batch]", only: str | None) -> None:
+def _raise_for_empty_export(batches: "Sequence[_Batch]", only: str | None) -> None:
     """Say why nothing is exported."""
     if only is None:
         names = ", ".join(batch.stimuli.name for batch in batches)
@@ -212,14 +217,14 @@ class _Order:
     scale: float | None  # asked for; None leaves it to the device, or is 1
     only: str | None  # pattern of the stimuli that are meant
 
-    def name_folder(self, form: SceneFormat) -> str:
+    def format_folder_name(self, form: SceneFormat) -> str:
         """Name each stimulus's folder for a simulator."""
         if self.device is None:
             return form.name
         return f"{form.name}-{self.device.id}"
 
 
-def _find_formats(simulator: str | Sequence[str]) -> tuple[SceneFormat, ...]:
+def _get_scene_formats(simulator: str | Sequence[str]) -> tuple[SceneFormat, ...]:
     """Find the formats of one or several simulators, each once, in the order in which they came."""
     names = list(simulator)
     if isinstance(simulator, str):
@@ -244,7 +249,7 @@ class _Batch:
     scale: float | None
 
 
-def _gather_batch(
+def _make_batch(
     stimuli: StimulusSet, source: str, contacts: list[Contact], order: _Order
 ) -> _Batch:
     """Choose what is written of a set, and the scale of all its scenes."""
@@ -259,16 +264,16 @@ def _gather_batch(
     return _Batch(stimuli, source, contacts, meant, scale)
 
 
-def _yield_plans(device: Device, batches: list[_Batch]) -> Iterator[RenderingPlan]:
+def _iterate_rendering_plans(device: Device, batches: list[_Batch]) -> Iterator[RenderingPlan]:
     """Plan how a device renders each stimulus that is meant."""
     for batch in batches:
         for contact in batch.meant.values():
             yield plan_rendering(device, contact.events[0], contact.point, batch.scale)
 
 
-def _build_scenes(batch: _Batch, order: _Order) -> dict[str, Scene]:
+def _build_batch_scenes(batch: _Batch, order: _Order) -> dict[str, Scene]:
     """Build the scenes that are meant; the loudest ring of the set is the full scale of all."""
-    loudness = [find_full_scale_force(contact.events) for contact in batch.contacts]
+    loudness = [compute_full_scale_force(contact.events) for contact in batch.contacts]
     full_scale = max(loudness, default=0.0)
     scenes = {}
     for identity, contact in batch.meant.items():
@@ -280,16 +285,16 @@ def _write_whole_set(
     draft: Path, batch: _Batch, scenes: list[Scene], form: SceneFormat, order: _Order
 ) -> None:
     """Write what holds several stimuli at once: all blocks of a set, and scanned teeth."""
-    name = order.name_folder(form)
+    name = order.format_folder_name(form)
     folder = draft / batch.stimuli.name
-    _write_set(folder / f"{name}-blocks", scenes, form, name)
+    _write_set_scene(folder / f"{name}-blocks", scenes, form, name)
     if form.write_tooth is None or not Path(batch.source).is_file():
         return
-    for scan, stations in lay_out_teeth(scenes, Path(batch.source).parent):
-        write_tooth(folder / scan.name / f"{name}-tooth", scan, stations, form)
+    for scan, stations in iterate_scanned_teeth(scenes, Path(batch.source).parent):
+        write_tooth_scene(folder / scan.name / f"{name}-tooth", scan, stations, form)
 
 
-def _write_set(folder: Path, scenes: list[Scene], form: SceneFormat, name: str) -> None:
+def _write_set_scene(folder: Path, scenes: list[Scene], form: SceneFormat, name: str) -> None:
     """Write what holds all stimuli of a set, where the format has it and their probes allow it."""
     if form.write_set is None or len(scenes) < 2:
         return
@@ -302,7 +307,7 @@ def _write_set(folder: Path, scenes: list[Scene], form: SceneFormat, name: str) 
     form.write_set(folder, scenes, name)
 
 
-def _resolve_set(
+def _resolve_set_contacts(
     stimuli: StimulusSet,
     learned: LearnedModel | None,
     step_height: float | None,
@@ -327,7 +332,7 @@ def _resolve_set(
     return contacts
 
 
-def _move_into_place(draft: Path, output: Path) -> None:
+def _move_files_into_place(draft: Path, output: Path) -> None:
     """Move prepared files into their places, after it is sure that each can have its own."""
     sync_folder(draft)
     files = []

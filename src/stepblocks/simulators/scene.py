@@ -217,7 +217,7 @@ class SceneFormat:
     shares_probe: bool = True
 
 
-def find_full_scale_force(events: Events) -> float:
+def compute_full_scale_force(events: Events) -> float:
     """Return the largest force of the rings of both drags [N]; 0 where nothing rings."""
     forces = []
     for event in events:
@@ -234,7 +234,7 @@ def write_scene(folder: Path, scene: Scene, form: SceneFormat) -> None:
         write_json(folder / "plan.json", scene.plan.as_record())
     for event in scene.events:
         if event.status is Status.RELEASES:
-            _write_ring(folder, event, scene.full_scale or find_largest_wav_force(event))
+            _write_ring_files(folder, event, scene.full_scale or find_largest_wav_force(event))
     names = []
     for path in folder.rglob("*"):
         if path.is_file():
@@ -243,14 +243,14 @@ def write_scene(folder: Path, scene: Scene, form: SceneFormat) -> None:
         folder / "README.md",
         scene=scene,
         form=form,
-        in_time=_predict_in_time(scene),
+        in_time=_predict_drag_in_time(scene),
         names=sorted(names),
         math=math,
         Status=Status,
     )
 
 
-def _predict_in_time(scene: Scene) -> Prediction | None:
+def _predict_drag_in_time(scene: Scene) -> Prediction | None:
     """Predict the drag towards +x in time where `predict` takes its energy for what is felt."""
     event = scene.events[0]
     if event.learned is not None or event.waveform is not None:
@@ -261,12 +261,12 @@ def _predict_in_time(scene: Scene) -> Prediction | None:
     return predicted
 
 
-def _write_ring(folder: Path, event: VibrationEvent, full_scale: float) -> None:
+def _write_ring_files(folder: Path, event: VibrationEvent, full_scale: float) -> None:
     """Write the ring of a drag as WAV files and as haptic media, and what they hold.
 
     Full scale of the WAV files is in N.
     """
-    stem = f"ring-{name_direction(event)}"
+    stem = f"ring-{format_drag_direction(event)}"
     energies = {}
     for rate in WAV_RATES:
         energy = compute_ring_energy(compute_ring_force(event, rate), rate, event.tool)
@@ -285,27 +285,29 @@ def _write_ring(folder: Path, event: VibrationEvent, full_scale: float) -> None:
         write_hjif(folder / f"{stem}.hjif", event)
 
 
-def name_direction(event: VibrationEvent) -> str:
+def format_drag_direction(event: VibrationEvent) -> str:
     """Name the way of a drag in the name of a file: up the step, or down."""
     if event.direction > 0:
         return "up"
     return "down"
 
 
-def write_tooth(folder: Path, scan: Mesh, stations: Sequence[Scene], form: SceneFormat) -> None:
+def write_tooth_scene(
+    folder: Path, scan: Mesh, stations: Sequence[Scene], form: SceneFormat
+) -> None:
     """Write a scanned tooth as one scene, with the section and the events of every station."""
     assert form.write_tooth is not None
     folder.mkdir(parents=True)
     form.write_tooth(folder, scan, stations)
     content = []
     for station in stations:
-        places = [_find_release_place(station, event) for event in station.events]
+        places = [_compute_release_place(station, event) for event in station.events]
         content.append({**station.parameters(), "trigger_places_m": places})
     write_json(folder / "tooth.json", {"stations": content})
     write_from_template(folder / "README.md", "tooth.md", stations=stations, form=form)
 
 
-def _find_release_place(station: Scene, event: VibrationEvent) -> list[float]:
+def _compute_release_place(station: Scene, event: VibrationEvent) -> list[float]:
     """Find the centre of the ball at the release [m], in the axes of the scan."""
     frame = station.frame
     place = frame.turn @ [event.trigger_position, 0.0, event.trigger_height] + frame.shift
@@ -325,14 +327,14 @@ def write_from_template(path: Path, template: str = "", **values: object) -> Non
         # code and Markdown; in XML stand only numbers, and names that are lower-case words
         autoescape=False,
     )
-    environment.filters["numbers"] = _join_numbers
+    environment.filters["numbers"] = _format_numbers
     text = environment.get_template(f"{template or path.name}.j2").render(**values)
     if path.suffix == ".md":
         text = format_units(text)
     path.write_text(text, encoding="utf-8", newline="\n")
 
 
-def _join_numbers(values: NDArray[np.float64]) -> str:
+def _format_numbers(values: NDArray[np.float64]) -> str:
     """Write the numbers of an array of any shape in a row."""
     return " ".join(f"{value:.12g}" for value in values.ravel())
 

@@ -4,7 +4,7 @@ from urllib.parse import quote
 
 from nicegui import ui
 
-from stepblocks.loop.words import begin_sentence, format_name_in_words, name_effect
+from stepblocks.loop.words import capitalise_first_letter, format_effect_name, format_name_in_words
 from stepblocks.quantities import format_column_label, format_number, format_units
 from stepblocks.window import texts
 from stepblocks.window.agreement import AskedExperiment, LoopFinding
@@ -20,9 +20,12 @@ def describe_reasons(finding: LoopFinding, asked: AskedExperiment) -> list[str]:
     names = []
     for text in asked.separates:
         if finding.has_effect(text):
-            names.append(name_effect(text, finding.find_covariate(text)))
+            names.append(format_effect_name(text, finding.find_covariate(text)))
     if not names:
-        return [texts.NEXT_OPEN.format(sentence=begin_sentence(text)) for text in asked.separates]
+        return [
+            texts.NEXT_OPEN.format(sentence=capitalise_first_letter(text))
+            for text in asked.separates
+        ]
     channel = format_name_in_words(asked.channel) or texts.EVERYTHING
     if _NOTHING in asked.separates:
         return [texts.NEXT_CONFIRMS.format(first=names[0], channel=channel)]
@@ -34,7 +37,7 @@ def describe_reasons(finding: LoopFinding, asked: AskedExperiment) -> list[str]:
 
 def list_next_steps(asked: AskedExperiment, output: str) -> list[str]:
     """List what to do next; `output` is the folder of the loop, with the file of a block."""
-    moves = [begin_sentence(move) for move in asked.calibration or ()]
+    moves = [capitalise_first_letter(move) for move in asked.calibration or ()]
     if asked.block is not None:
         moves.append(
             texts.NEXT_BLOCK.format(
@@ -44,7 +47,7 @@ def list_next_steps(asked: AskedExperiment, output: str) -> list[str]:
             )
         )
     if asked.note:
-        moves.append(begin_sentence(asked.note))
+        moves.append(capitalise_first_letter(asked.note))
     elif asked.repeats == 1:
         moves.append(texts.ONE_REPEAT)
     elif asked.repeats:

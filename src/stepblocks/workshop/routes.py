@@ -12,7 +12,7 @@ from typing import Annotated
 
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.operating_point import OperatingPoint
-from stepblocks.contact.uncertainty import Interval, convert_half_widths, estimate_interval
+from stepblocks.contact.uncertainty import Interval, convert_half_widths_to_stds, estimate_interval
 from stepblocks.errors import MachiningError
 from stepblocks.parts.declared import Sourced, Table, make_sourced_validator
 from stepblocks.parts.gauge_pair import GaugePair, find_gauge_pair
@@ -302,7 +302,7 @@ def _compute_conforming_edge_share(block: StepBlock, process: Process, deviation
 
 def _convert_to_standard_deviations(process: Process, deviation: float) -> dict[str, float]:
     """Convert the deviations of a process to standard deviations of height, radius and burr [m]."""
-    return convert_half_widths(
+    return convert_half_widths_to_stds(
         {
             "height": deviation,
             "edge_radius": process.edge_spread.value,

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stepblocks.compute.collector import pause_collector
+from stepblocks.compute.collector import pause_garbage_collector
 from stepblocks.files.archives import pin_archive_times
 from stepblocks.parts.shapes import Mesh
 
@@ -28,7 +28,7 @@ GLB_FROM_PART = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 @cache
 def _load_trimesh() -> Any:
     """Load the library of meshes, on first use."""
-    with pause_collector():
+    with pause_garbage_collector():
         import trimesh
     return trimesh
 

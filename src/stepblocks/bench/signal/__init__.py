@@ -53,7 +53,7 @@ class Trace:
     normal: Array
 
 
-def refuse_oversized_channel(count: int, channel: str | int) -> None:
+def refuse_oversized_channel(sample_count: int, channel: str | int) -> None:
     """Refuse a channel of too many samples before it is read into memory.
 
     Raises
@@ -61,13 +61,13 @@ def refuse_oversized_channel(count: int, channel: str | int) -> None:
     TraceError
         If it has more than `MOST_SAMPLES` samples.
     """
-    if count > MOST_SAMPLES:
+    if sample_count > MOST_SAMPLES:
         raise TraceError(
             FaultKind.WITHOUT_HEADING,
-            f"channel {channel!r} has {count} samples, more than {MOST_SAMPLES}",
+            f"channel {channel!r} has {sample_count} samples, more than {MOST_SAMPLES}",
         )
 
 
-def join_first_eight(names: Iterable[str]) -> str:
+def format_first_eight_names(names: Iterable[str]) -> str:
     """Return the first eight names as a text, separated by commas."""
     return ", ".join(islice(names, _LISTED_NAMES))

@@ -9,7 +9,7 @@ from stepblocks.bench.signal import USUAL_TOOL, Array, Estimate, Tool
 from stepblocks.bench.signal.approach import Approach
 from stepblocks.bench.signal.landmarks import Landmarks
 from stepblocks.bench.signal.motion import Motion, find_first_swing
-from stepblocks.bench.signal.ring import Ring, fit_cosine, fit_ring
+from stepblocks.bench.signal.ring import Ring, fit_damped_cosine, fit_damped_ring
 from stepblocks.bench.signal.rubbing import (
     GUESSED_SPREAD,
     KNOWN_SPREAD,
@@ -17,7 +17,7 @@ from stepblocks.bench.signal.rubbing import (
     fit_rubbing_ring,
 )
 from stepblocks.bench.signal.saw import Sawtooth
-from stepblocks.bench.signal.separable import guess_ring
+from stepblocks.bench.signal.separable import guess_ring_frequency_and_decay
 from stepblocks.contact.kernels import compute_unhardened_force
 
 # [s] first samples after the peak, in which the sensor itself follows; no tie with a sample
@@ -72,14 +72,14 @@ class Swing:
     decay_time: Estimate
     half: float = 0.0
 
-    def compute_amplitude(self, instant: float) -> Estimate:
-        """Return the amplitude carried back to `instant` [N].
+    def compute_amplitude(self, time_of_interest: float) -> Estimate:
+        """Return the amplitude carried back to `time_of_interest` [N].
 
         Viscous decay alone is taken into account.
         """
         depth, depth_std = self.depth
         decay_time, decay_std = self.decay_time
-        since = self.instant - instant
+        since = self.instant - time_of_interest
         growth = float(np.exp(since / decay_time))
         carried = depth * growth
         std_of_decay = carried * since / decay_time**2 * decay_std
@@ -130,7 +130,7 @@ class Aftermath:
         """Whether it rings like a bell; else its tip rubs."""
         return self.swing is None
 
-    def carry_to(self, instant: float) -> "Aftermath":
+    def carry_amplitude_to(self, instant: float) -> "Aftermath":
         """Return the same with the amplitude at another instant [s]."""
         if isinstance(self.ring, Ring):
             return replace(self, start=instant, amplitude=self.ring.compute_amplitude(instant))
@@ -168,7 +168,9 @@ def fit_aftermath(
     cosine = None
     if saw is None:
         first = int(np.searchsorted(time, top + _RELEASE_TIME))
-        cosine = fit_cosine(time[first:], force[first:], top, approach.mains_frequency, marks.noise)
+        cosine = fit_damped_cosine(
+            time[first:], force[first:], top, approach.mains_frequency, marks.noise
+        )
         late = fit_ring_after_rest(time, force, cosine, marks.noise)
         if late is not None:
             return late
@@ -180,23 +182,23 @@ def fit_aftermath(
     if cosine is None or not cosine.misfit < _GOOD:
         rubbing = _fit_best_rubbing(time, force, marks, approach, tool)
     # a tip that clearly slips back is no bell that hardens, or that its gauge bends
-    if rubbing is None or (saw is None and not _clearly_slips_back(rubbing)):
-        bell = fit_bell(time, force, top, approach.mains_frequency, marks.noise, cosine)
-        if rubbing is None or _is_bell(time, bell, rubbing, marks):
+    if rubbing is None or (saw is None and not _clearly_rubs(rubbing)):
+        bell = fit_bell_ring(time, force, top, approach.mains_frequency, marks.noise, cosine)
+        if rubbing is None or _is_bell_likelier(time, bell, rubbing, marks):
             return bell
     swing = _measure_swing(time, force, marks, approach, rubbing, tool=tool, saw=saw)
     sample = float(np.median(np.diff(time)))
-    return _measure_aftermath_of_rubbing(rubbing, swing, sample, tool)
+    return _make_rubbing_aftermath(rubbing, swing, sample, tool)
 
 
-def _clearly_slips_back(rubbing: RubbingRing) -> bool:
+def _clearly_rubs(rubbing: RubbingRing) -> bool:
     """Tell whether a tip clearly rubs, by the misfit and the gap of its fit."""
     if not rubbing.misfit < _GOOD or not rubbing.knows_gap:
         return False
     return rubbing.backward_force_drop.value > _GAP * rubbing.forward_sliding_force.value
 
 
-def _is_bell(time: Array, bell: Aftermath, rubbing: RubbingRing, marks: Landmarks) -> bool:
+def _is_bell_likelier(time: Array, bell: Aftermath, rubbing: RubbingRing, marks: Landmarks) -> bool:
     """Tell whether a ring is rather that of a bell than that of a tip that rubs."""
     ring = bell.ring
     assert isinstance(ring, Ring)
@@ -289,7 +291,7 @@ def fit_ring_after_rest(time: Array, force: Array, early: Ring, noise: float) ->
         return None
     for begin in _LATE_BEGINS:
         first = int(np.searchsorted(time, release + begin))
-        late = fit_cosine(time[first:], force[first:], release, early.basis.mains, noise)
+        late = fit_damped_cosine(time[first:], force[first:], release, early.basis.mains, noise)
         if late.misfit < _GOOD and not late.fit.would_gain_from(pulses[-(time.size - first) :]):
             break
     else:
@@ -309,17 +311,17 @@ def fit_ring_after_rest(time: Array, force: Array, early: Ring, noise: float) ->
     )
 
 
-def _is_dying_rest(rest: Array, noise: float) -> bool:
+def _is_dying_rest(residual: Array, noise: float) -> bool:
     """Tell whether what a ring leaves of the first samples, shape (m,) [N], lies above and dies."""
-    size = min(_REST_MEAN, rest.size)
-    means = np.convolve(rest, np.full(size, 1.0 / size), mode="valid")
+    size = min(_REST_MEAN, residual.size)
+    means = np.convolve(residual, np.full(size, 1.0 / size), mode="valid")
     slack = _REST_SIGMAS * noise / math.sqrt(size)
     stays_above = bool(means.min() > -slack)
     only_dies = bool((np.diff(means) < math.sqrt(2.0) * slack).all())
     return stays_above and only_dies and bool(means[0] > slack)
 
 
-def fit_bell(
+def fit_bell_ring(
     time: Array,
     force: Array,
     release: float,
@@ -343,7 +345,7 @@ def fit_bell(
         The damped cosine, where it is fitted already.
     """
     first = int(np.searchsorted(time, release + _RELEASE_TIME))
-    bell = fit_ring(time[first:], force[first:], release, mains, noise, cosine)
+    bell = fit_damped_ring(time[first:], force[first:], release, mains, noise, cosine)
     amplitude = bell.compute_amplitude(release)
     return Aftermath(bell, release, amplitude, bell.frequency, bell.decay_time, bell.level)
 
@@ -355,17 +357,17 @@ def estimate_sliding_noise(time: Array, approach: Approach, marks: Landmarks) ->
     return min(max(scatter, marks.noise), _MOST_COLOUR * marks.noise)
 
 
-def _measure_aftermath_of_rubbing(
-    rubbing: RubbingRing, swing: Swing, sample: float, tool: Tool | None
+def _make_rubbing_aftermath(
+    rubbing: RubbingRing, swing: Swing, sample_interval: float, tool: Tool | None
 ) -> Aftermath:
-    """Return the figures of a tip that rubs; `sample` is the time between two samples [s]."""
+    """Return the figures of a tip that rubs; `sample_interval` is in seconds."""
     frequency, decay_time = rubbing.frequency, rubbing.decay_time
     knows_gap = rubbing.knows_gap
     if tool is not None and _is_far_from_tool(rubbing, tool):
         # a fit of few swings may find another tool: then it knows no better than that
         known_frequency, known_decay_time = tool
-        frequency = _widen(frequency, known_frequency)
-        decay_time = _widen(decay_time, known_decay_time)
+        frequency = _widen_to_known_value(frequency, known_frequency)
+        decay_time = _widen_to_known_value(decay_time, known_decay_time)
         knows_gap = False
     friction_decay = _NOT_KNOWN
     if knows_gap:
@@ -382,9 +384,9 @@ def _measure_aftermath_of_rubbing(
         rubbing.forward_sliding_force,
         friction_decay,
         swing,
-        sample,
+        sample_interval,
     )
-    return aftermath.carry_to(-math.inf)
+    return aftermath.carry_amplitude_to(-math.inf)
 
 
 def _is_far_from_tool(rubbing: RubbingRing, tool: Tool) -> bool:
@@ -397,9 +399,9 @@ def _is_far_from_tool(rubbing: RubbingRing, tool: Tool) -> bool:
     return abs(rubbing.decay_time.value - decay_time) > far_decay_time
 
 
-def _widen(estimate: Estimate, known: float) -> Estimate:
+def _widen_to_known_value(estimate: Estimate, known_value: float) -> Estimate:
     """Return an estimate whose uncertainty reaches to what is known."""
-    miss = abs(estimate.value - known)
+    miss = abs(estimate.value - known_value)
     return Estimate(estimate.value, float(np.hypot(estimate.std, miss)))
 
 
@@ -417,7 +419,7 @@ def _fit_best_rubbing(
     if tool is not None:
         spread = KNOWN_SPREAD
     best: RubbingRing | None = None
-    for guess in _guess_tools(time, clean, marks, approach, tool):
+    for guess in _list_tool_guesses(time, clean, marks, approach, tool):
         frequency, _ = guess
         for trough in _find_troughs(time, clean, marks, level, frequency):
             fit = fit_rubbing_ring(
@@ -436,24 +438,26 @@ def _fit_best_rubbing(
     return best
 
 
-def _guess_tools(
-    time: Array, clean: Array, marks: Landmarks, approach: Approach, tool: Tool | None
+def _list_tool_guesses(
+    time: Array, force_without_hum: Array, marks: Landmarks, approach: Approach, tool: Tool | None
 ) -> list[Tool]:
     """Return the tool as known, or as its start-up, its late ring and its first swings show it.
 
-    `clean` is the tangential force without hum, shape (n,) [N].
+    `force_without_hum` is that of the tangential gauge, shape (n,) [N].
     """
     known = tool or approach.start_up_ring
     if known is not None:
         return [known]
     late = marks.peak + int((time.size - marks.peak) * _LATE_SHARE)
-    late_ring = guess_ring(time[late:], clean[late:])
+    late_ring = guess_ring_frequency_and_decay(time[late:], force_without_hum[late:])
     end = int(np.searchsorted(time, time[marks.peak] + _FIRST_SWINGS))
     early = slice(marks.peak, end)
-    first_swings = guess_ring(time[early], np.gradient(clean[early]))
+    first_swings = guess_ring_frequency_and_decay(
+        time[early], np.gradient(force_without_hum[early])
+    )
     # where the tip came to rest there is nothing to hear late, and what is heard of decay then is
     # noise
-    is_heard = float(np.std(clean[late:])) > _HEARD * marks.noise
+    is_heard = float(np.std(force_without_hum[late:])) > _HEARD * marks.noise
     if is_heard:
         return [late_ring, first_swings._replace(decay_time=late_ring.decay_time)]
     return [
@@ -463,15 +467,15 @@ def _guess_tools(
 
 
 def _find_troughs(
-    time: Array, clean: Array, marks: Landmarks, level: float, frequency: float
+    time: Array, force_without_hum: Array, marks: Landmarks, level: float, frequency: float
 ) -> list[int]:
     """Return the samples of the troughs below a level after the slip, eight at most.
 
-    `clean` is the tangential force without hum, shape (n,) [N], `frequency` that of the tool [Hz].
+    `force_without_hum` is the tangential force, shape (n,) [N], `frequency` that of the tool [Hz].
     """
     rate = (time.size - 1) / (time[-1] - time[0])
     half_period = max(int(0.5 * rate / frequency), 2)
-    smooth = np.convolve(clean, np.full(5, 0.2), mode="same")
+    smooth = np.convolve(force_without_hum, np.full(5, 0.2), mode="same")
     usable = smooth[: smooth.size - 2]
     troughs: list[int] = []
     index = marks.peak

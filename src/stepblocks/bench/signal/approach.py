@@ -15,7 +15,7 @@ from stepblocks.bench.signal.separable import (
     SeparableFit,
     build_damped_wave_columns,
     build_wave_columns,
-    compute_residual_squares,
+    compute_residual_sum_of_squares,
     fit_separable,
     propagate_std,
 )
@@ -88,7 +88,7 @@ class Approach:
     @property
     def sliding_force_std(self) -> float:
         """Standard uncertainty of `sliding_force` [N]."""
-        return self._compute_std_of_weight(_LEVEL)
+        return self._get_weight_std(_LEVEL)
 
     @property
     def initial_slope(self) -> float:
@@ -120,7 +120,7 @@ class Approach:
             return None
         return Tool(float(self.fit.shape[1]), float(self.fit.shape[2]))
 
-    def _compute_std_of_weight(self, index: int) -> float:
+    def _get_weight_std(self, index: int) -> float:
         """Return the standard uncertainty of a linear weight of the fit."""
         return self.fit.get_std(self.fit.shape.size + index)
 
@@ -128,7 +128,7 @@ class Approach:
         """Return how far the level has drifted since `clock.center` [N]."""
         since = instant - self.clock.center
         drift = float(self.fit.weights[_DRIFT]) * since
-        return Estimate(drift, self._compute_std_of_weight(_DRIFT) * since)
+        return Estimate(drift, self._get_weight_std(_DRIFT) * since)
 
     def compute_mean_slope(self, release: float) -> Estimate:
         """Return the slope of the straight line through the ramp up to a share of its time [N/s].
@@ -138,35 +138,37 @@ class Approach:
         # the least-squares line through t^2 and t^3 over 0 to T climbs by T and by 0.9 T^2
         end = _LINE_SHARE * (release - self.onset)
         climb = np.array([1.0, end, 0.9 * end**2])
-        return self._sum_level_and_ramp(0.0, climb, 0.0)
+        return self._estimate_level_plus_ramp(0.0, climb, 0.0)
 
     def compute_ramp_force(self, instant: float) -> Estimate:
         """Return the force on the line of the ramp without hum and drift [N]."""
         since = instant - self.onset
         steepness = float(self.ramp_coefficients @ (1.0, 2.0 * since, 3.0 * since**2))
         climb = np.array([since, since**2, since**3])
-        return self._sum_level_and_ramp(1.0, climb, -steepness)
+        return self._estimate_level_plus_ramp(1.0, climb, -steepness)
 
-    def _sum_level_and_ramp(self, level: float, climb: Array, onset: float) -> Estimate:
+    def _estimate_level_plus_ramp(
+        self, level_share: float, ramp_shares: Array, onset_slope: float
+    ) -> Estimate:
         """Return the sum of level and climb in these shares.
 
         Parameters
         ----------
-        level : float
+        level_share : float
             Share of the level.
-        climb : Array
+        ramp_shares : Array
             Shape (3,), shares of slope, square and cube.
-        onset : float
+        onset_slope : float
             By how much the sum moves with the onset [N/s].
         """
         first_weight = self.fit.shape.size
         gradient = np.zeros(self.fit.covariance.shape[0])
-        gradient[0] = onset
-        gradient[first_weight + _LEVEL] = level
-        gradient[first_weight + _SLOPE] = climb[0]
+        gradient[0] = onset_slope
+        gradient[first_weight + _LEVEL] = level_share
+        gradient[first_weight + _SLOPE] = ramp_shares[0]
         if self.clock.bent:
-            gradient[first_weight + _BEND.start : first_weight + _BEND.stop] = climb[1:]
-        value = level * self.sliding_force + float(climb @ self.ramp_coefficients)
+            gradient[first_weight + _BEND.start : first_weight + _BEND.stop] = ramp_shares[1:]
+        value = level_share * self.sliding_force + float(ramp_shares @ self.ramp_coefficients)
         return Estimate(value, propagate_std(gradient, self.fit.covariance))
 
     def compute_ramp_line(self, time: Array) -> Array:
@@ -193,22 +195,22 @@ class Approach:
         return np.asarray(force + ring @ self.fit.weights[_START_UP], dtype=float)
 
 
-def find_mains(time: Array, values: Array) -> float:
-    """Return the mains frequency that explains more of `values` [Hz]."""
+def find_mains_frequency(time: Array, force: Array) -> float:
+    """Return the mains frequency that explains more of `force` [Hz]."""
 
     def compute_rest_of_hum(mains: float) -> float:
         hum = build_wave_columns(time, mains)
-        return compute_residual_squares(np.column_stack([np.ones_like(time), hum]), values)
+        return compute_residual_sum_of_squares(np.column_stack([np.ones_like(time), hum]), force)
 
     return min(_MAINS, key=compute_rest_of_hum)
 
 
-def _build_approach_columns(time: Array, since: Array, clock: Clock) -> Array:
+def _build_approach_columns(time: Array, time_since_onset: Array, clock: Clock) -> Array:
     """Return the columns of level, drift, slope, hum and, of a bent ramp, square and cube.
 
-    `since` is the time since the onset, zero before it in a fit; the result has shape (n, 5 or 7).
+    `time_since_onset` is zero before the onset in a fit; the result has shape (n, 5 or 7).
     """
-    return _insert_ramp(_build_sliding_columns(time, clock), since, clock)
+    return _insert_ramp_columns(_build_sliding_columns(time, clock), time_since_onset, clock)
 
 
 def _build_sliding_columns(time: Array, clock: Clock) -> Array:
@@ -218,21 +220,26 @@ def _build_sliding_columns(time: Array, clock: Clock) -> Array:
     return np.hstack([lines, hum])
 
 
-def _insert_ramp(sliding: Array, since: Array, clock: Clock) -> Array:
+def _insert_ramp_columns(sliding_columns: Array, time_since_onset: Array, clock: Clock) -> Array:
     """Insert the slope after level and drift, and append what bends it."""
-    columns = [sliding[:, :_SLOPE], since[:, None], sliding[:, _SLOPE:]]
+    columns = [sliding_columns[:, :_SLOPE], time_since_onset[:, None], sliding_columns[:, _SLOPE:]]
     if clock.bent:
-        columns.append(_build_bend_columns(since))
+        columns.append(_build_bend_columns(time_since_onset))
     return np.hstack(columns)
 
 
-def _build_bend_columns(since: Array) -> Array:
+def _build_bend_columns(time_since_onset: Array) -> Array:
     """Return the square and the cube of the time since the onset."""
-    return np.vander(since, 4)[:, 1::-1]
+    return np.vander(time_since_onset, 4)[:, 1::-1]
 
 
 def fit_approach(
-    time: Array, force: Array, marks: Landmarks, start_up: Tool | None, *, straight: bool = False
+    time: Array,
+    force: Array,
+    marks: Landmarks,
+    start_up_ring: Tool | None,
+    *,
+    straight: bool = False,
 ) -> Approach:
     """Fit sliding and ramp together.
 
@@ -243,45 +250,47 @@ def fit_approach(
     time, force : Array
         Shape (n,), instants [s] and tangential force [N].
     marks : Landmarks
-    start_up : Tool or None
+    start_up_ring : Tool or None
         Ring that the handle's start may have left in the record; None where it is not looked for.
     straight : bool
         Whether the ramp is taken to be straight.
     """
     slide_end = int(np.searchsorted(time, marks.onset))
-    mains = find_mains(time[:slide_end], force[:slide_end])
+    mains = find_mains_frequency(time[:slide_end], force[:slide_end])
     middle_of_slide = float(time[: max(slide_end, 1)].mean())
     clock = Clock(mains, middle_of_slide)
-    approach = _fit_ramp(time, force, marks, clock, start_up)
+    approach = _fit_ramp(time, force, marks, clock, start_up_ring)
     if straight:
         return approach
     fitted_time = time[: approach.fit.residuals.size]
     since = np.maximum(fitted_time - approach.onset, 0.0)
     if approach.fit.would_gain_from(_build_bend_columns(since)):
-        return _fit_ramp(time, force, marks, replace(clock, bent=True), start_up)
+        return _fit_ramp(time, force, marks, replace(clock, bent=True), start_up_ring)
     return approach
 
 
 def _fit_ramp(
-    time: Array, force: Array, marks: Landmarks, clock: Clock, start_up: Tool | None
+    time: Array, force: Array, marks: Landmarks, clock: Clock, start_up_ring: Tool | None
 ) -> Approach:
     """Fit sliding and ramp up to where the force leaves the line of the ramp."""
     climb = force[: marks.peak + 1] - marks.level
     end = int(np.flatnonzero(climb < _RAMP_SHARE * marks.rise)[-1]) + 1
-    fit = _fit_sliding_and_ramp(time[:end], force[:end], marks.onset, clock, start_up)
+    fit = _fit_sliding_and_ramp(time[:end], force[:end], marks.onset, clock, start_up_ring)
     approach = Approach(fit, end, clock)
     # the filter of a converter rings a sample or two ahead of a corner
     remainder = slice(end, max(marks.peak - 2, end))
     misses = force[remainder] - approach.compute_ramp_line(time[remainder])
     line_std = approach.compute_ramp_force(float(time[marks.peak])).std
-    left = _find_end_of_line(misses, marks.noise, line_std)
+    left = _find_sample_leaving_ramp_line(misses, marks.noise, line_std)
     followed = marks.peak
     if left is not None:
         followed = end + left
     certain = min(followed, marks.peak - _count_samples_past_release(force, marks))
     if certain <= end:
         return replace(approach, end=max(followed, end))
-    fit = _fit_sliding_and_ramp(time[:certain], force[:certain], approach.onset, clock, start_up)
+    fit = _fit_sliding_and_ramp(
+        time[:certain], force[:certain], approach.onset, clock, start_up_ring
+    )
     return Approach(fit, followed, clock)
 
 
@@ -310,7 +319,7 @@ def _fit_sliding_and_ramp(
     def build_ramp_columns(shape: Array) -> Array:
         """Return the columns of sliding and a ramp from an onset [s] on; the shape is (onset,)."""
         since = np.maximum(time - float(shape[0]), 0.0)
-        return _insert_ramp(sliding, since, clock)
+        return _insert_ramp_columns(sliding, since, clock)
 
     def build_ringing_columns(shape: Array) -> Array:
         """Return the same and a ring up to the onset; the shape is that, frequency and decay."""
@@ -329,7 +338,7 @@ def _fit_sliding_and_ramp(
         upper=start + 2.0 * reach,
         scale=np.array([reach]),
     )
-    if start_up is None or not _shows_start_up(time, fit, start_up):
+    if start_up is None or not _shows_start_up_ring(time, fit, start_up):
         return fit
     frequency, decay_time = start_up
     fitted_onset = fit.shape[0]
@@ -340,26 +349,28 @@ def _fit_sliding_and_ramp(
     return fit_separable(build_ringing_columns, force, start, lower, upper, scale)
 
 
-def _shows_start_up(time: Array, fit: SeparableFit, start_up: Tool) -> bool:
+def _shows_start_up_ring(time: Array, fit: SeparableFit, start_up_ring: Tool) -> bool:
     """Tell whether what sliding and ramp leave over holds a ring that begins with the record."""
-    frequency, decay_time = start_up
+    frequency, decay_time = start_up_ring
     before = time < fit.shape[0]
     since = time[before] - time[0]
     residuals = fit.residuals[before]
     without_ring = float(residuals @ residuals)
     ring = build_damped_wave_columns(since, frequency, decay_time)
-    with_ring = compute_residual_squares(ring, residuals)
+    with_ring = compute_residual_sum_of_squares(ring, residuals)
     # two parameters more explain 2/n of white noise by chance
     least_share = max(_START_UP_GAIN, 20.0 / max(since.size, 1))
     return bool(without_ring - with_ring > least_share * without_ring)
 
 
-def _find_end_of_line(misses: Array, noise: float, line_std: float) -> int | None:
+def _find_sample_leaving_ramp_line(
+    ramp_residuals: Array, noise: float, line_std: float
+) -> int | None:
     """Find the first sample from which on the force is off the line of the ramp for good.
 
     Parameters
     ----------
-    misses : Array
+    ramp_residuals : Array
         Shape (n,), force less the line [N].
     noise, line_std : float
         Standard deviation of a sample, and standard uncertainty of the line [N].
@@ -369,10 +380,10 @@ def _find_end_of_line(misses: Array, noise: float, line_std: float) -> int | Non
     int or None
         None where the force stays on the line.
     """
-    if not misses.size:
+    if not ramp_residuals.size:
         return None
-    window = min(4, misses.size)
-    mean = np.convolve(misses, np.full(window, 1.0 / window), mode="valid")
+    window = min(4, ramp_residuals.size)
+    mean = np.convolve(ramp_residuals, np.full(window, 1.0 / window), mode="valid")
     limit = _LINE_SIGMAS * math.hypot(noise / math.sqrt(window), line_std)
     off = np.abs(mean) > limit
     if not off[-1]:

@@ -17,19 +17,22 @@ from stepblocks.bench.signal.aftermath import (
     Aftermath,
     estimate_sliding_noise,
     fit_aftermath,
-    fit_bell,
+    fit_bell_ring,
 )
 from stepblocks.bench.signal.approach import Approach, fit_approach
 from stepblocks.bench.signal.extremum import find_extremum
 from stepblocks.bench.signal.landmarks import Landmarks, find_bounded_landmarks, find_landmarks
 from stepblocks.bench.signal.motion import Motion
-from stepblocks.bench.signal.normal import measure_normal_level, measure_sympathetic_force
+from stepblocks.bench.signal.normal import (
+    measure_normal_ring_amplitude,
+    measure_sliding_normal_force,
+)
 from stepblocks.bench.signal.peak import Peak, find_peak
 from stepblocks.bench.signal.regimes import Regime, classify_regime
-from stepblocks.bench.signal.saw import Sawtooth, find_saw
-from stepblocks.bench.signal.separable import guess_ring
-from stepblocks.bench.signal.set_down import find_set_down
-from stepblocks.bench.signal.spectrum import BandShares, compute_band_shares
+from stepblocks.bench.signal.saw import Sawtooth, find_sawtooth
+from stepblocks.bench.signal.separable import guess_ring_frequency_and_decay
+from stepblocks.bench.signal.set_down import find_set_down_and_zeros
+from stepblocks.bench.signal.spectrum import BandShares, compute_loading_and_vibration_shares
 
 Features = dict[str, Any]  # one value for each of `FEATURE_COLUMNS`, a number or a word
 
@@ -100,13 +103,15 @@ class Zeros(NamedTuple):
     normal: Estimate
 
 
-def _name_value_and_std(estimate: Estimate, name: str, name_of_std: str) -> Features:
+def _make_value_and_std_features(
+    estimate: Estimate, value_column: str, std_column: str
+) -> Features:
     """Return value and standard uncertainty of an estimate by their names."""
     value, std = estimate
-    return {name: value, name_of_std: std}
+    return {value_column: value, std_column: std}
 
 
-def list_energy_features(amplitude: Estimate, spring_constant: float) -> Features:
+def compute_energy_features(amplitude: Estimate, spring_constant: float) -> Features:
     """Return the energy of a ring's amplitude at the release [N] on a spring [N/m]."""
     energy = amplitude.value**2 / (2.0 * spring_constant)
     relative_std = math.nan
@@ -168,30 +173,32 @@ class Loading:
             level_std = self.saw.kinetic.std
         return Estimate(friction, float(np.hypot(level_std, friction * load_std) / load))
 
-    def list_loading_features(self) -> Features:
+    def compute_loading_features(self) -> Features:
         """Return the features that no saturation after the peak spoils."""
         peak = self.peak
         features: Features = {}
-        features |= _name_value_and_std(
+        features |= _make_value_and_std_features(
             self.compute_friction_coefficient(), "sliding_friction", "sliding_friction_std"
         )
-        features |= _name_value_and_std(self.load, "normal_load_n", "normal_load_std_n")
+        features |= _make_value_and_std_features(self.load, "normal_load_n", "normal_load_std_n")
         features["loading_onset_s"] = self.approach.onset + self.start
-        features |= _name_value_and_std(
+        features |= _make_value_and_std_features(
             self.compute_ramp_slope(), "loading_slope_n_per_s", "loading_slope_std_n_per_s"
         )
-        features |= _name_value_and_std(
+        features |= _make_value_and_std_features(
             self.compute_ramp_spring_constant(),
             "spring_constant_n_per_m",
             "spring_constant_std_n_per_m",
         )
         force = Estimate(peak.force, peak.force_std)
-        features |= _name_value_and_std(force, "peak_force_n", "peak_force_std_n")
+        features |= _make_value_and_std_features(force, "peak_force_n", "peak_force_std_n")
         features["release_time_s"] = peak.time + self.start
-        features |= _name_value_and_std(
+        features |= _make_value_and_std_features(
             self.zeros.tangential, "tangential_zero_n", "tangential_zero_std_n"
         )
-        features |= _name_value_and_std(self.zeros.normal, "normal_zero_n", "normal_zero_std_n")
+        features |= _make_value_and_std_features(
+            self.zeros.normal, "normal_zero_n", "normal_zero_std_n"
+        )
         return features
 
 
@@ -223,27 +230,33 @@ class Measurement(Loading):
         A value is NaN where the trace does not show it.
         """
         after = self.aftermath
-        features = self.list_loading_features()
-        features |= _name_value_and_std(after.level, "release_level_n", "release_level_std_n")
-        features |= _name_value_and_std(
+        features = self.compute_loading_features()
+        features |= _make_value_and_std_features(
+            after.level, "release_level_n", "release_level_std_n"
+        )
+        features |= _make_value_and_std_features(
             after.frequency, "ring_frequency_hz", "ring_frequency_std_hz"
         )
-        features |= _name_value_and_std(after.decay_time, "decay_time_s", "decay_time_std_s")
-        features |= _name_value_and_std(
+        features |= _make_value_and_std_features(
+            after.decay_time, "decay_time_s", "decay_time_std_s"
+        )
+        features |= _make_value_and_std_features(
             after.friction_decay, "friction_decay_n_per_s", "friction_decay_std_n_per_s"
         )
-        features |= _name_value_and_std(after.amplitude, "ring_amplitude_n", "ring_amplitude_std_n")
-        features |= list_energy_features(after.amplitude, self.spring_constant)
-        features |= _name_value_and_std(
+        features |= _make_value_and_std_features(
+            after.amplitude, "ring_amplitude_n", "ring_amplitude_std_n"
+        )
+        features |= compute_energy_features(after.amplitude, self.spring_constant)
+        features |= _make_value_and_std_features(
             self.sympathetic, "sympathetic_force_n", "sympathetic_force_std_n"
         )
         features["loading_share_0_100hz"] = self.shares.loading
         features["vibration_share_250_350hz"] = self.shares.vibration
-        features |= self._list_sticking_features()
+        features |= self._compute_sticking_features()
         features["regime"] = self.regime.value
         return {name: features[name] for name in FEATURE_COLUMNS}
 
-    def _list_sticking_features(self) -> Features:
+    def _compute_sticking_features(self) -> Features:
         """Return the features of the saw before the edge; NaN without a saw."""
         amplitude = stick_time = static_friction = _NOT_KNOWN
         if self.saw is not None:
@@ -253,11 +266,13 @@ class Measurement(Loading):
             amplitude = self.saw.amplitude
             stick_time = self.saw.stick_time
             static_friction = Estimate(static, std)
-        features = _name_value_and_std(
+        features = _make_value_and_std_features(
             amplitude, "stick_slip_amplitude_n", "stick_slip_amplitude_std_n"
         )
-        features |= _name_value_and_std(stick_time, "stick_time_s", "stick_time_std_s")
-        features |= _name_value_and_std(static_friction, "static_friction", "static_friction_std")
+        features |= _make_value_and_std_features(stick_time, "stick_time_s", "stick_time_std_s")
+        features |= _make_value_and_std_features(
+            static_friction, "static_friction", "static_friction_std"
+        )
         return features
 
 
@@ -281,19 +296,19 @@ def measure_trace(
     LandmarkError
         If the trace does not show sliding, loading and slip.
     """
-    set_down = find_set_down(trace)
+    set_down = find_set_down_and_zeros(trace)
     start = float(trace.time[set_down.first])
     normal = trace.normal[set_down.first :]
     force = trace.tangential[set_down.first :]
     time = trace.time[set_down.first :] - start
     marks = find_landmarks(time, force)
-    saw = find_saw(time, force, marks, tool or USUAL_TOOL, spring_constant)
+    saw = find_sawtooth(time, force, marks, tool or USUAL_TOOL, spring_constant)
     if saw is not None:
         force = saw.remove_saw(force)
         marks = find_landmarks(time, force)
     approach = _fit_approach(time, force, marks, tool, saw)
-    after, peak = _fit_release(time, force, marks, approach, tool, saw)
-    load = measure_normal_level(time, normal, approach)
+    after, peak = _fit_aftermath_and_peak(time, force, marks, approach, tool, saw)
+    load = measure_sliding_normal_force(time, normal, approach)
     frequency, decay_time = tool or (after.frequency.value, after.decay_time.value)
     damping = 1.0 / (2.0 * math.pi * frequency * decay_time)
     force_without_hum = force - approach.compute_hum(time)
@@ -310,8 +325,8 @@ def measure_trace(
         frequency=frequency,
         damping=damping,
     )
-    sympathetic = measure_sympathetic_force(time, normal, approach, after)
-    shares = compute_band_shares(time, force, approach, after, peak)
+    sympathetic = measure_normal_ring_amplitude(time, normal, approach, after)
+    shares = compute_loading_and_vibration_shares(time, force, approach, after, peak)
     regime = classify_regime(motion, saw, rings_freely=after.rings_freely)
     if not speed > 0.0:  # a handle at rest has no ramp
         speed = math.nan
@@ -339,12 +354,12 @@ def _fit_approach(
     if start_up is None:
         samples_after_peak = time.size - marks.peak
         late = marks.peak + samples_after_peak // _LATE_SHARE
-        start_up = guess_ring(time[late:], force[late:])
+        start_up = guess_ring_frequency_and_decay(time[late:], force[late:])
     # the ramp of a tip that stuck begins with its last tooth
     return fit_approach(time, force, marks, start_up, straight=saw is not None)
 
 
-def _fit_release(
+def _fit_aftermath_and_peak(
     time: Array,
     force: Array,
     marks: Landmarks,
@@ -365,14 +380,16 @@ def _fit_release(
         peak.corner and after.rings_freely and not after.is_late
     ):  # which sample is the highest is a matter of noise
         noise = estimate_sliding_noise(time, approach, marks)
-        after = fit_bell(time, force, peak.time, approach.mains_frequency, noise)
+        after = fit_bell_ring(time, force, peak.time, approach.mains_frequency, noise)
         peak = find_peak(time, force, marks, approach, after)
     if peak.corner:
-        after = after.carry_to(peak.time)
+        after = after.carry_amplitude_to(peak.time)
     return after, peak
 
 
-def measure_censored(trace: Trace, spring_constant: float, speed: float, bound: Bound) -> Features:
+def measure_censored_trace(
+    trace: Trace, spring_constant: float, speed: float, bound: Bound
+) -> Features:
     """Measure a record whose gauge saturated or whose tip never slipped.
 
     Parameters
@@ -392,21 +409,21 @@ def measure_censored(trace: Trace, spring_constant: float, speed: float, bound: 
     """
     try:
         if bound is Bound.PEAK_FORCE:
-            return _measure_bounded_loading(trace, speed).list_loading_features()
+            return _measure_bounded_loading(trace, speed).compute_loading_features()
         # what saturates after the slip, or only along the normal, leaves the peak whole
         measurement = measure_trace(trace, spring_constant, speed)
     except (LandmarkError, ValueError, np.linalg.LinAlgError):
         return {}
     if bound is Bound.NORMAL_FORCE:
         return _drop_features_over_load(trace, measurement.features)
-    features = measurement.list_loading_features()
+    features = measurement.compute_loading_features()
     features["loading_share_0_100hz"] = measurement.shares.loading
     return features
 
 
 def _measure_bounded_loading(trace: Trace, speed: float) -> Loading:
     """Measure a record up to its highest sample, which is a lower bound of the peak."""
-    set_down = find_set_down(trace)
+    set_down = find_set_down_and_zeros(trace)
     start = trace.time[set_down.first]
     time = trace.time[set_down.first :] - start
     force = trace.tangential[set_down.first :]
@@ -418,7 +435,7 @@ def _measure_bounded_loading(trace: Trace, speed: float) -> Loading:
         start=float(start),
         approach=approach,
         peak=Peak(math.nan, highest, math.nan, corner=False),
-        load=measure_normal_level(time, normal, approach),
+        load=measure_sliding_normal_force(time, normal, approach),
         zeros=Zeros(set_down.tangential_zero, set_down.normal_zero),
         speed=speed,
     )
@@ -438,13 +455,13 @@ def _drop_features_over_load(trace: Trace, features: Features) -> Features:
     return {name: value for name, value in features.items() if name not in _OVER_LOAD}
 
 
-def average_tool(features: Iterable[Mapping[str, float]]) -> Tool | None:
+def estimate_tool_from_features(feature_rows: Iterable[Mapping[str, float]]) -> Tool | None:
     """Average the ring of the tool over trials that show it well.
 
     The result is None where too few do.
     """
     frequencies, decay_times = [], []
-    for row in features:
+    for row in feature_rows:
         frequency, decay_time = row["ring_frequency_hz"], row["decay_time_s"]
         shows_frequency = row["ring_frequency_std_hz"] < _CLEAR_FREQUENCY * frequency
         if shows_frequency and row["decay_time_std_s"] < _CLEAR_DECAY * decay_time:

@@ -71,7 +71,7 @@ def find_landmarks(time: Array, force: Array) -> Landmarks:
         If the record does not show one of them.
     """
     noise = estimate_white_noise(force)
-    smooth = _smooth(force)
+    smooth = _smooth_over_five_samples(force)
     peak = _find_peak_sample(force, smooth, noise)
     lead = smooth[: max(peak // 4, 1)]
     level = float(np.median(lead))
@@ -123,7 +123,7 @@ def find_bounded_landmarks(time: Array, force: Array) -> Landmarks:
     return Landmarks(onset, peak, level, rise, noise)
 
 
-def _smooth(force: Array) -> Array:
+def _smooth_over_five_samples(force: Array) -> Array:
     """Return a running mean of five samples; the ends stay as they are."""
     smooth = np.convolve(force, np.full(5, 0.2), mode="same")
     smooth[:2] = force[:2]
@@ -131,9 +131,9 @@ def _smooth(force: Array) -> Array:
     return smooth
 
 
-def _find_peak_sample(force: Array, smooth: Array, noise: float) -> int:
+def _find_peak_sample(force: Array, smoothed_force: Array, noise: float) -> int:
     """Return the last sample before the fall; forces [N] have shape (n,)."""
-    coarse = int(np.argmax(smooth))
+    coarse = int(np.argmax(smoothed_force))
     first = max(coarse - 4, 0)
     peak = first + int(np.argmax(force[first : coarse + 5]))
     # on a gentle ramp noise lifts an earlier sample over the last one
@@ -143,13 +143,13 @@ def _find_peak_sample(force: Array, smooth: Array, noise: float) -> int:
     return peak + int(np.argmin(high)) - 1
 
 
-def _find_onset(time: Array, smooth: Array, peak: int, level: float, rise: float) -> float:
+def _find_onset(time: Array, smoothed_force: Array, peak: int, level: float, rise: float) -> float:
     """Return where the line through the middle of the ramp meets the sliding level [s]."""
-    climb = smooth[: peak - 1] - level  # the last two samples have some of the fall
+    climb = smoothed_force[: peak - 1] - level  # the last two samples have some of the fall
     low = int(np.flatnonzero(climb < 0.25 * rise)[-1])
     last_below_high = int(np.flatnonzero(climb < 0.75 * rise)[-1])
     high = max(last_below_high + 1, low + 2)
-    slope = (smooth[high] - smooth[low]) / (time[high] - time[low])
+    slope = (smoothed_force[high] - smoothed_force[low]) / (time[high] - time[low])
     if slope <= 0.0:
         raise LandmarkError(
             FaultKind.NO_LOADING, "the tangential force does not climb steadily to its peak"

@@ -46,19 +46,19 @@ class Shape(Enum):
             return math.log(0.5)
         return math.log(0.25)
 
-    def build_columns(self, since: Array) -> Array:
+    def build_columns(self, time_since_fall: Array) -> Array:
         """Return the powers of the time since the begin of the fall, shape (..., 2 or 3)."""
-        powers = [since**2, since**3]
+        powers = [time_since_fall**2, time_since_fall**3]
         if self is Shape.CORNER:
-            powers.insert(0, since)
+            powers.insert(0, time_since_fall)
         return np.stack(powers, axis=-1)
 
-    def list_scales(self, duration: float) -> Array:
+    def list_coefficient_scales(self, fall_duration: float) -> Array:
         """Return the sizes of the coefficients of a fall by one in a duration, shape (2 or 3,)."""
         powers = [2.0, 3.0]
         if self is Shape.CORNER:
             powers.insert(0, 1.0)
-        return np.asarray(duration ** -np.array(powers))
+        return np.asarray(fall_duration ** -np.array(powers))
 
 
 @dataclass(frozen=True)
@@ -91,13 +91,13 @@ class Window:
     def compute_log_likelihood(self, expected: Array) -> float:
         """Compute the log likelihood of the samples about what is expected of `excess` [N].
 
-        The constant of the normal distribution is left out, as in `average_shapes`.
+        The constant of the normal distribution is left out, as in `average_peak_over_shapes`.
         """
         misses = (self.excess - expected) / self.noise
         return -0.5 * float(misses @ misses)
 
     @classmethod
-    def cut(
+    def cut_around_peak(
         cls, time: Array, force: Array, marks: Landmarks, approach: Approach, noise: float
     ) -> "Window":
         """Cut the samples from the ramp to where a part of the fall is done."""
@@ -174,13 +174,13 @@ class LocalPeak:
     log_likelihood: float
 
 
-def average_shapes(window: Window) -> LocalPeak:
+def average_peak_over_shapes(window: Window) -> LocalPeak:
     """Average the top over all shapes, durations and instants by their likelihood."""
     begins = np.arange(_EARLIEST, _LATEST, 1.0 / _PER_SAMPLE)
     tops = []
     for shape in Shape:
         for duration in _DURATIONS:
-            tops.append(_find_tops(window, shape, duration, begins))
+            tops.append(_fit_tops_for_begins(window, shape, duration, begins))
     log_likelihood = np.concatenate([top.log_likelihood for top in tops])
     height = np.concatenate([top.height for top in tops])
     variance = np.concatenate([top.variance for top in tops])
@@ -199,7 +199,9 @@ def average_shapes(window: Window) -> LocalPeak:
     return LocalPeak(mean, float(np.sqrt(spread)), mean_instant, evidence)
 
 
-def _find_tops(window: Window, shape: Shape, duration: float, begins: Array) -> ShapedTops:
+def _fit_tops_for_begins(
+    window: Window, shape: Shape, duration: float, begins: Array
+) -> ShapedTops:
     """Fit the fall of one shape from every instant in `begins`, shape (m,), and find its top.
 
     The coefficients have a normal prior about zero, but for the level top, whose first coefficient
@@ -210,14 +212,14 @@ def _find_tops(window: Window, shape: Shape, duration: float, begins: Array) -> 
     target = np.broadcast_to(window.excess, since.shape)
     if shape is Shape.LEVEL:
         target = target + window.climb * since
-    prior = (window.rise * shape.list_scales(duration)) ** 2
-    fitted = _regress(columns, target, prior, window.noise)
+    prior = (window.rise * shape.list_coefficient_scales(duration)) ** 2
+    fitted = _fit_with_prior(columns, target, prior, window.noise)
     reach = np.linspace(0.0, _TOP_REACH, _TOP_STEPS)
     shown = shape.build_columns(reach)
     curves = fitted.weights @ shown.T
     if shape is not Shape.LEVEL:
         curves = curves + window.climb * reach
-    top = _find_first_tops(curves)
+    top = _find_first_top_indices(curves)
     rows = np.arange(begins.size)
     gradient = shown[top]
     variance = np.einsum("mi,mij,mj->m", gradient, fitted.covariance, gradient)
@@ -233,7 +235,7 @@ def _find_tops(window: Window, shape: Shape, duration: float, begins: Array) -> 
     )
 
 
-def _find_first_tops(curves: Array) -> NDArray[np.intp]:
+def _find_first_top_indices(curves: Array) -> NDArray[np.intp]:
     """Return where each curve of shape (m, t) first stops climbing."""
     stops = np.diff(curves, axis=1) <= 0.0
     is_end = np.ones(len(curves), dtype=bool)
@@ -250,7 +252,7 @@ class _Regression:
     log_likelihood: Array
 
 
-def _regress(columns: Array, target: Array, prior: Array, noise: float) -> _Regression:
+def _fit_with_prior(columns: Array, target: Array, prior: Array, noise: float) -> _Regression:
     """Fit columns of shape (m, n, k) to targets of shape (m, n), with prior variances (k,)."""
     # in units of the prior, so that all matrices are well conditioned
     scaled = columns * np.sqrt(prior) / noise

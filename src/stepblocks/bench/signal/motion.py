@@ -106,7 +106,7 @@ def find_first_swing(motion: Motion) -> FirstSwing:
     period = 1.0 / motion.frequency
     reach = _SWING_SHARE * period
     swing = _find_swing_samples(motion, period)
-    smooth = _smooth_swing(motion, swing, period)
+    smooth = _smooth_force_for_swing(motion, swing, period)
     lowest = swing.start + int(np.argmin(smooth[swing]))
     bottom = find_extremum(time, force, min(lowest, time.size - 6), reach, motion.noise)
     depth = motion.level - bottom.force
@@ -134,9 +134,9 @@ def _find_swing_samples(motion: Motion, period: float) -> slice:
     return slice(motion.fall_end_sample, max(stop, motion.fall_end_sample + 1))
 
 
-def _smooth_swing(motion: Motion, swing: slice, period: float) -> Array:
+def _smooth_force_for_swing(motion: Motion, swing_samples: slice, period: float) -> Array:
     """Return the force [N] averaged over few samples, or over more where the swing is faint."""
-    depth = motion.level - float(motion.smoothed_force[swing].min())
+    depth = motion.level - float(motion.smoothed_force[swing_samples].min())
     if depth >= FAINT * motion.noise:
         return motion.smoothed_force
     sample = float(np.median(np.diff(motion.time)))

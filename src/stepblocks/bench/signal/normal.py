@@ -16,14 +16,14 @@ _SETTLE = 0.8e-3  # [s] after the slip in which the normal channel shows the rel
 _ONSET_GUARD = 1e-3  # [s] before the onset, of which the instant is not known better
 
 
-def measure_normal_level(time: Array, normal: Array, approach: Approach) -> Estimate:
+def measure_sliding_normal_force(time: Array, normal_force: Array, approach: Approach) -> Estimate:
     """Return the normal force while sliding, without hum and drift [N].
 
-    `time` [s] and `normal` [N] have shape (n,).
+    `time` [s] and `normal_force` [N] have shape (n,).
     """
     end = int(np.searchsorted(time, approach.onset - _ONSET_GUARD))
     columns = _build_drift_and_hum_columns(time[:end], approach.mains_frequency)
-    weights, covariance = fit_with_covariance(columns, normal[:end])
+    weights, covariance = fit_with_covariance(columns, normal_force[:end])
     std = float(np.sqrt(covariance[0, 0]))
     return Estimate(float(weights[0]), std)
 
@@ -34,13 +34,13 @@ def _build_drift_and_hum_columns(time: Array, mains: float) -> Array:
     return np.column_stack([np.ones_like(time), time - time.mean(), hum])
 
 
-def measure_sympathetic_force(
-    time: Array, normal: Array, approach: Approach, after: Aftermath
+def measure_normal_ring_amplitude(
+    time: Array, normal_force: Array, approach: Approach, after: Aftermath
 ) -> Estimate:
     """Return the amplitude at the release of the ring in the normal force [N].
 
-    The ring has the frequency and the decay of the tangential force. `time` [s] and `normal` [N]
-    have shape (n,).
+    The ring has the frequency and the decay of the tangential force. `time` [s] and
+    `normal_force` [N] have shape (n,).
     """
     settled = max(after.start + _SETTLE, after.ring.time_zero)
     begin = int(np.searchsorted(time, settled))
@@ -51,7 +51,7 @@ def measure_sympathetic_force(
         """Measure the amplitude of a ring of known frequency [Hz] and decay time [s]."""
         ring = build_damped_wave_columns(since, frequency, decay_time)
         columns = np.column_stack([ring, still])
-        weights, covariance = fit_with_covariance(columns, normal[begin:])
+        weights, covariance = fit_with_covariance(columns, normal_force[begin:])
         size = float(np.hypot(weights[0], weights[1]))
         if size == 0.0:
             return Estimate(0.0, float(np.sqrt(covariance[0, 0])))

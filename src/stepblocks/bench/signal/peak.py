@@ -11,7 +11,7 @@ from stepblocks.bench.signal import Array
 from stepblocks.bench.signal.aftermath import Aftermath, estimate_sliding_noise
 from stepblocks.bench.signal.approach import Approach
 from stepblocks.bench.signal.landmarks import Landmarks
-from stepblocks.bench.signal.local_peak import Window, average_shapes
+from stepblocks.bench.signal.local_peak import Window, average_peak_over_shapes
 from stepblocks.bench.signal.ring import Ring
 from stepblocks.bench.signal.separable import fit_with_covariance, propagate_std
 
@@ -67,15 +67,17 @@ def find_peak(
     corner = None
     if approach.end >= marks.peak - 1:
         if isinstance(after.ring, Ring):
-            corner = _find_corner_beside_ring(time, force, marks, approach, after.ring)
+            corner = _average_corner_and_local_peak(time, force, marks, approach, after.ring)
         else:
-            corner = _find_corner_of_fall(time, force, marks, approach)
+            corner = _find_corner_from_fall(time, force, marks, approach)
     if corner is None:
         return _find_rounded_peak(time, force, marks, approach)
     return corner
 
 
-def _find_corner(time: Array, marks: Landmarks, approach: Approach, ring: Ring) -> Peak | None:
+def _find_ramp_ring_crossing(
+    time: Array, marks: Landmarks, approach: Approach, ring: Ring
+) -> Peak | None:
     """Find where the line of the ramp meets the curve of a bell; None where they do not."""
     from scipy.optimize import brentq
 
@@ -108,7 +110,7 @@ def _find_corner(time: Array, marks: Landmarks, approach: Approach, ring: Ring) 
     return Peak(instant, ramp.value, math.hypot(of_ramp, of_ring), corner=True)
 
 
-def _find_corner_beside_ring(
+def _average_corner_and_local_peak(
     time: Array, force: Array, marks: Landmarks, approach: Approach, ring: Ring
 ) -> Peak:
     """Average what the samples about the peak show with the corner of ramp and ring.
@@ -117,15 +119,15 @@ def _find_corner_beside_ring(
     the likelihood of the samples about the peak.
     """
     noise = estimate_sliding_noise(time, approach, marks)
-    window = Window.cut(time, force, marks, approach, noise)
-    local = average_shapes(window)
+    window = Window.cut_around_peak(time, force, marks, approach, noise)
+    local = average_peak_over_shapes(window)
     top = float(time[marks.peak])
     ramp = approach.compute_ramp_force(top)
     shown_instant = top + window.sample * local.since
     shown_force = ramp.value + local.height
     shown_std = math.hypot(local.std, ramp.std)
     shown = Peak(shown_instant, shown_force, shown_std, corner=True)
-    corner = _find_corner(time, marks, approach, ring)
+    corner = _find_ramp_ring_crossing(time, marks, approach, ring)
     if corner is None:
         # where ramp and ring do not meet, the line has bent hum and drift to what is neither
         instant = time[[marks.peak]]
@@ -139,23 +141,23 @@ def _find_corner_beside_ring(
     return _average_peaks(corner, shown, float(expit(log_odds)))
 
 
-def _average_peaks(first: Peak, second: Peak, share: float) -> Peak:
+def _average_peaks(first: Peak, second: Peak, share_of_first: float) -> Peak:
     """Average two peaks, the first of which counts by a share; the spread of both is uncertain."""
-    share_of_second = 1.0 - share
-    force = share * first.force + share_of_second * second.force
+    share_of_second = 1.0 - share_of_first
+    force = share_of_first * first.force + share_of_second * second.force
     square_of_first = first.force_std**2 + (first.force - force) ** 2
     square_of_second = second.force_std**2 + (second.force - force) ** 2
-    variance = share * square_of_first
+    variance = share_of_first * square_of_first
     variance += share_of_second * square_of_second
-    instant = share * first.time + share_of_second * second.time
+    instant = share_of_first * first.time + share_of_second * second.time
     return Peak(instant, force, math.sqrt(variance), corner=True)
 
 
-def _find_corner_of_fall(
+def _find_corner_from_fall(
     time: Array, force: Array, marks: Landmarks, approach: Approach
 ) -> Peak | None:
     """Find where the line of the ramp meets a parabola through the first samples after it."""
-    first = _find_first_after_corner(time, force, marks, approach)
+    first = _find_first_sample_after_corner(time, force, marks, approach)
     if first is None:
         return None
     fall = slice(first, first + _FALL_SAMPLES)
@@ -164,7 +166,7 @@ def _find_corner_of_fall(
     steps = (time[fall] - time[first]) / step
     columns = np.vander(steps, 3, increasing=True)
     weights, covariance = fit_with_covariance(columns, excess)
-    place = _find_last_fall_through_zero(weights)
+    place = _find_last_downward_zero(weights)
     if place is None:
         return None
     rate = (weights[1] + 2.0 * weights[2] * place) / step
@@ -182,7 +184,7 @@ def _find_corner_of_fall(
     return Peak(instant, ramp.value, math.hypot(ramp.std, std_of_fall, unseen), corner=True)
 
 
-def _find_first_after_corner(
+def _find_first_sample_after_corner(
     time: Array, force: Array, marks: Landmarks, approach: Approach
 ) -> int | None:
     """Return the index of the first sample after a corner; None where there is no corner."""
@@ -201,10 +203,10 @@ def _find_first_after_corner(
     return first
 
 
-def _find_last_fall_through_zero(weights: Array) -> float | None:
+def _find_last_downward_zero(parabola_coefficients: Array) -> float | None:
     """Return where before its origin a parabola last falls through zero [samples], or None."""
     grid = np.linspace(-_CORNER_REACH, 0.0, 701)
-    excess = np.vander(grid, 3, increasing=True) @ weights
+    excess = np.vander(grid, 3, increasing=True) @ parabola_coefficients
     above = np.flatnonzero(excess > 0.0)
     if not above.size or excess[-1] >= 0.0:
         return None

@@ -43,16 +43,16 @@ def classify_regime(motion: Motion, saw: Sawtooth | None, *, rings_freely: bool)
         return Regime.STICK_SLIP
     if rings_freely:
         return Regime.SNAP
-    if _flies(motion):
+    if _loses_contact(motion):
         return Regime.FLIGHT
     if motion.fall_time * motion.frequency > 1.0:
         return Regime.CLIMB_DOWN
-    if _turns(motion) or _slips_back(motion):
+    if _reverses_past_friction(motion) or _moves_backward(motion):
         return Regime.RUBBING
     return Regime.SNAP
 
 
-def _flies(motion: Motion) -> bool:
+def _loses_contact(motion: Motion) -> bool:
     """Tell whether the tip presses on nothing for some samples after the release."""
     end = motion.time[motion.fall_end_sample] + 5.0 / motion.frequency
     after = motion.normal[motion.peak : int(np.searchsorted(motion.time, end))]
@@ -62,7 +62,7 @@ def _flies(motion: Motion) -> bool:
     return bool(np.count_nonzero(unloaded) >= _FLIGHT_SAMPLES)
 
 
-def _slips_back(motion: Motion) -> bool:
+def _moves_backward(motion: Motion) -> bool:
     """Tell whether the tip goes back by more than the noise in its first swing."""
     end = motion.time[motion.fall_end_sample] + 1.5 / motion.frequency
     swing = slice(motion.fall_end_sample, int(np.searchsorted(motion.time, end)))
@@ -74,7 +74,7 @@ def _slips_back(motion: Motion) -> bool:
     return back > _BACK_NOISE * motion.noise / math.sqrt(5.0)
 
 
-def _turns(motion: Motion) -> bool:
+def _reverses_past_friction(motion: Motion) -> bool:
     """Tell whether the tip turns at the end of its first swing, past friction's other side."""
     # it stops where the force is as far from sliding as its swing, but for the ramp
     swing = find_first_swing(motion)

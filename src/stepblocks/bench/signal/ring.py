@@ -16,11 +16,11 @@ from stepblocks.bench.signal.separable import (
     SeparableFit,
     build_damped_wave_columns,
     build_wave_columns,
-    compute_misfit,
+    compute_chi_squared_excess,
     compute_numeric_jacobian,
     differentiate_damped_wave,
     fit_separable,
-    guess_ring,
+    guess_ring_frequency_and_decay,
     propagate_std,
 )
 from stepblocks.contact.kernels import compute_unhardened_force
@@ -64,14 +64,14 @@ class RingBasis:
     about: float = 0.0
     is_bent: bool = False
 
-    def build_columns(self, since: Array, shape: Array) -> Array:
+    def build_columns(self, since: Array, ring_shape: Array) -> Array:
         """Return the columns at times since `origin` [s].
 
         Parameters
         ----------
         since : Array
             Shape (n,) [s].
-        shape : Array
+        ring_shape : Array
             Frequency [Hz], decay time [s], decay time of the release [s], and of a tool that
             hardens g A^2.
 
@@ -81,7 +81,9 @@ class RingBasis:
             Shape (n, p): level, drift, hum on the clock of the record (2), release, overtones of a
             gauge that bends (3), ring (2).
         """
-        return np.hstack([self.build_steady_columns(since), self.build_dying_columns(since, shape)])
+        return np.hstack(
+            [self.build_steady_columns(since), self.build_dying_columns(since, ring_shape)]
+        )
 
     def build_steady_columns(self, since: Array) -> Array:
         """Return level, drift and hum, shape (n, 4), whatever the shape of the ring."""
@@ -157,7 +159,7 @@ class Ring:
 
     def compute_curve(self, time: Array) -> Array:
         """Return the whole fit [N] at the instants `time`."""
-        return self._model(time - self.time_zero, self.fit.shape)
+        return self._compute_curve_for_shape(time - self.time_zero, self.fit.shape)
 
     def compute_curve_without_release(self, time: Array) -> Array:
         """Return the fit [N] at the instants `time` without the decay of the release."""
@@ -171,7 +173,9 @@ class Ring:
         since = np.array([instant - self.time_zero])
         shape = self.fit.shape
         steps = np.array([1e-3, 1e-6, 1e-6, 1e-4])[: shape.size]
-        (slopes,) = compute_numeric_jacobian(partial(self._model, since), shape, steps)
+        (slopes,) = compute_numeric_jacobian(
+            partial(self._compute_curve_for_shape, since), shape, steps
+        )
         (columns,) = self.basis.build_columns(since, shape)
         gradient = np.concatenate([slopes, columns])
         return propagate_std(gradient, self.fit.covariance)
@@ -190,13 +194,13 @@ class Ring:
             gradient[_RING_WEIGHTS] = growth * cosine / size, growth * sine / size
         return Estimate(carried, propagate_std(gradient, self.fit.covariance))
 
-    def _model(self, since: Array, shape: Array) -> Array:
+    def _compute_curve_for_shape(self, since: Array, shape: Array) -> Array:
         """Compute the fit at times since the origin for a shape, with the fitted weights [N]."""
         columns = self.basis.build_columns(since, shape)
         return np.asarray(columns @ self.fit.weights, dtype=float)
 
 
-def fit_cosine(time: Array, force: Array, origin: float, mains: float, noise: float) -> Ring:
+def fit_damped_cosine(time: Array, force: Array, origin: float, mains: float, noise: float) -> Ring:
     """Fit a damped cosine to the samples after a slip.
 
     Parameters
@@ -210,47 +214,51 @@ def fit_cosine(time: Array, force: Array, origin: float, mains: float, noise: fl
     noise : float
         Standard deviation of a sample [N].
     """
-    frequency, decay_time = guess_ring(time, force)
+    frequency, decay_time = guess_ring_frequency_and_decay(time, force)
     start = np.array([frequency, decay_time, _USUAL_RELEASE_DECAY])
-    return _fit_damped(time, force, RingBasis(origin, mains), noise, start)
+    return _fit_ring_on_basis(time, force, RingBasis(origin, mains), noise, start)
 
 
-def fit_ring(
+def fit_damped_ring(
     time: Array, force: Array, origin: float, mains: float, noise: float, cosine: Ring | None = None
 ) -> Ring:
     """Fit a damped ring to the samples after a slip: `cosine`, where it is fitted already.
 
     Where it is seen, the ring is that of a tool that hardens, after Duffing, or of a gauge that
-    bends. Parameters are those of `fit_cosine`.
+    bends. Parameters are those of `fit_damped_cosine`.
     """
-    ring = cosine or fit_cosine(time, force, origin, mains, noise)
+    ring = cosine or fit_damped_cosine(time, force, origin, mains, noise)
     shape = ring.fit.shape
     since = time - origin
     rings = [ring]
     if ring.fit.would_gain_from(_build_squared_ring_columns(since, shape)):
-        rings.append(_fit_damped(time, force, replace(ring.basis, is_bent=True), noise, shape))
-    basis = replace(ring.basis, about=_find_level_in_amplitudes(ring))
+        rings.append(
+            _fit_ring_on_basis(time, force, replace(ring.basis, is_bent=True), noise, shape)
+        )
+    basis = replace(ring.basis, about=_compute_level_over_amplitude(ring))
     hard_shape = np.append(shape, _LITTLE)
     hard_columns = basis.build_columns(since, hard_shape)
     change = hard_columns - ring.basis.build_columns(since, shape)
     change_of_force = change @ ring.fit.weights
     if ring.fit.would_gain_from(change_of_force[:, None]):
-        hardening = _fit_damped(time, force, basis, noise, hard_shape)
+        hardening = _fit_ring_on_basis(time, force, basis, noise, hard_shape)
         # about which level it rings is in units of an amplitude that a cosine misses
-        basis = replace(basis, about=_find_level_in_amplitudes(hardening))
-        rings.append(_fit_damped(time, force, basis, noise, hardening.fit.shape))
+        basis = replace(basis, about=_compute_level_over_amplitude(hardening))
+        rings.append(_fit_ring_on_basis(time, force, basis, noise, hardening.fit.shape))
     best = min(rings, key=lambda ring: ring.misfit)
     if best.misfit < max(_HARD, _CLOSER * ring.misfit):
         return best
     return ring
 
 
-def _find_level_in_amplitudes(ring: Ring) -> float:
+def _compute_level_over_amplitude(ring: Ring) -> float:
     """Return the level of a ring in units of its amplitude at the origin."""
     return ring.level.value / ring.compute_amplitude(ring.time_zero).value
 
 
-def _fit_damped(time: Array, force: Array, basis: RingBasis, noise: float, start: Array) -> Ring:
+def _fit_ring_on_basis(
+    time: Array, force: Array, basis: RingBasis, noise: float, start: Array
+) -> Ring:
     """Fit the columns of a basis, beginning with a shape of 3 or, of a tool that hardens, of 4."""
     count = start.size
     least_frequency = 0.7
@@ -277,11 +285,11 @@ def _fit_damped(time: Array, force: Array, basis: RingBasis, noise: float, start
         lower=lower[:count],
         upper=upper[:count],
         scale=scale[:count],
-        slopes=slopes,
+        differentiate_model=slopes,
     )
     begin = int(np.searchsorted(time, basis.origin + BEGIN))
     parameters = count + fit.weights.size
-    misfit = compute_misfit(fit.residuals, parameters, begin, noise)
+    misfit = compute_chi_squared_excess(fit.residuals, parameters, begin, noise)
     fitted_frequency = Estimate(float(fit.shape[_FREQUENCY]), fit.get_std(_FREQUENCY))
     decay_time = Estimate(float(fit.shape[_DECAY_TIME]), fit.get_std(_DECAY_TIME))
     level = Estimate(float(fit.weights[0]), fit.get_std(count))

@@ -20,7 +20,7 @@ import numpy as np
 from stepblocks.bench.signal import Array, Estimate, Tool
 from stepblocks.bench.signal.ring import BEGIN
 from stepblocks.bench.signal.separable import (
-    compute_misfit,
+    compute_chi_squared_excess,
     compute_numeric_jacobian,
     estimate_covariance,
 )
@@ -62,7 +62,7 @@ class RubbingRing:
     time_zero : float
         Instant from which the fit counts time [s].
     misfit : float
-        By how many standard errors the residuals miss the noise, see `compute_misfit`.
+        By how many standard errors the residuals miss the noise, see `compute_chi_squared_excess`.
     residuals : Array
         Shape (n,), data minus fit [N].
     knows_gap : bool
@@ -107,11 +107,16 @@ class RubbingRing:
 
     def compute_curve(self, time: Array) -> Array:
         """Return the fit without hum [N] at the instants `time`, all after `time_zero`."""
-        return _compute_rubbing_with_drift(self.values, time - self.time_zero, self.slope)
+        return _compute_drifting_force(self.values, time - self.time_zero, self.slope)
 
 
 def compute_rubbing_force(
-    time: Array, level: float, gap: float, tool: Tool, start: tuple[float, float], slope: float
+    time: Array,
+    level: float,
+    force_drop: float,
+    tool: Tool,
+    force_and_rate: tuple[float, float],
+    slope: float,
 ) -> Array:
     """Compute the force of the tool after the slip, piece by piece in closed form.
 
@@ -119,10 +124,10 @@ def compute_rubbing_force(
     ----------
     time : Array
         Shape (n,), instants since the slip [s].
-    level, gap : float
+    level, force_drop : float
         Level while the tip slips forward, and by how much it is lower while it slips back [N].
     tool : Tool
-    start : tuple of float
+    force_and_rate : tuple of float
         Force [N] and its rate [N/s] at 0.
     slope : float
         Rate of the force while the tip sticks [N/s].
@@ -132,18 +137,20 @@ def compute_rubbing_force(
     Array
         Shape (n,) [N]; 1e6 from where the tip chatters without end.
     """
-    from stepblocks.bench.signal.kernels import compute_rubbing
+    from stepblocks.bench.signal.kernels import compute_rubbing_curve
 
     frequency, decay_time = tool
-    force = compute_rubbing(time, (level, gap), (frequency, decay_time), start, slope)
+    force = compute_rubbing_curve(
+        time, (level, force_drop), (frequency, decay_time), force_and_rate, slope
+    )
     return np.asarray(force, dtype=float)
 
 
-def _compute_rubbing_with_drift(values: Array, time: Array, slope: float) -> Array:
+def _compute_drifting_force(values: Array, time: Array, slope: float) -> Array:
     """Return the force of `values` of a `RubbingRing`, shape (n,) [N]."""
-    from stepblocks.bench.signal.kernels import compute_drifting_rubbing
+    from stepblocks.bench.signal.kernels import compute_drifting_rubbing_curve
 
-    return np.asarray(compute_drifting_rubbing(time, values, slope), dtype=float)
+    return np.asarray(compute_drifting_rubbing_curve(time, values, slope), dtype=float)
 
 
 def fit_rubbing_ring(
@@ -175,8 +182,8 @@ def fit_rubbing_ring(
     """
     problem = _RubbingProblem.set_up(time, force, level, tool, slope, noise, spread=spread)
     best = None
-    for gap in problem.list_gaps():
-        search = problem.search_from_gap(gap)
+    for gap in problem.list_starting_gaps():
+        search = problem.minimise_from_gap(gap)
         if best is None or search.cost < (1.0 - _ALIKE) * best.cost:
             best = search
         if problem.is_settled(best):
@@ -266,13 +273,13 @@ class _RubbingProblem:
             upper=upper,
         )
 
-    def list_gaps(self) -> tuple[float, float, float]:
+    def list_starting_gaps(self) -> tuple[float, float, float]:
         """Return gaps with which a search may begin, the likeliest first [N]."""
         # dry friction is the sliding force itself and turns with the tip: the likely gap is twice
         # the level
         return 2.0 * abs(self.level), 0.3 * abs(self.offset), 0.0
 
-    def search_from_gap(self, gap: float) -> Any:
+    def minimise_from_gap(self, gap: float) -> Any:
         """Search for the values from a gap [N]; return what `scipy.optimize` found."""
         from scipy.optimize import least_squares
 
@@ -282,7 +289,7 @@ class _RubbingProblem:
         return least_squares(
             self._compute_residuals,
             start_within_bounds,
-            jac=self._differentiate,
+            jac=self._compute_residual_jacobian,
             bounds=(self.lower, self.upper),
             x_scale=_SCALE,
             max_nfev=40,
@@ -290,7 +297,7 @@ class _RubbingProblem:
 
     def _compute_force(self, values: Array) -> Array:
         """Compute the force of the model for some values [N]."""
-        return _compute_rubbing_with_drift(values, self.since, self.slope)
+        return _compute_drifting_force(values, self.since, self.slope)
 
     def _compute_residuals(self, values: Array) -> Array:
         """Return force of the model less data, and the weighted misses of the tool; (n + 2,)."""
@@ -298,26 +305,28 @@ class _RubbingProblem:
         misses_of_tool = (values[_OF_TOOL] - self.tool) * self.tool_weights
         return np.append(misses_of_force, misses_of_tool)
 
-    def _differentiate(self, values: Array) -> Array:
+    def _compute_residual_jacobian(self, values: Array) -> Array:
         """Return the slopes of `_compute_residuals`, shape (n + 2, 7)."""
-        from stepblocks.bench.signal.kernels import differentiate_drifting_rubbing
+        from stepblocks.bench.signal.kernels import differentiate_drifting_rubbing_curve
 
-        slopes = differentiate_drifting_rubbing(self.since, values, _STEP * _SCALE, self.slope)
-        return np.vstack([slopes.T, self._build_rows_of_tool()])
+        slopes = differentiate_drifting_rubbing_curve(
+            self.since, values, _STEP * _SCALE, self.slope
+        )
+        return np.vstack([slopes.T, self._build_tool_jacobian()])
 
-    def _build_rows_of_tool(self) -> Array:
+    def _build_tool_jacobian(self) -> Array:
         """Return the slopes of the misses of the tool, shape (2, 7)."""
         rows = np.zeros((2, _SCALE.size))
         rows[:, _OF_TOOL] = np.diag(self.tool_weights)
         return rows
 
-    def _measure_misfit(self, residuals: Array) -> float:
+    def _compute_force_misfit(self, residuals: Array) -> float:
         """Return by how many standard errors the residuals of a fit miss the noise."""
-        return compute_misfit(residuals, _SCALE.size, self.beginning, self.noise)
+        return compute_chi_squared_excess(residuals, _SCALE.size, self.beginning, self.noise)
 
     def is_settled(self, search: Any) -> bool:
         """Tell whether a fit is good, and its gap shows in the force."""
-        if not self._measure_misfit(search.fun[:-2]) < _GOOD:
+        if not self._compute_force_misfit(search.fun[:-2]) < _GOOD:
             return False
         # a tip that never slips back in this course says nothing of the gap
         with_smaller_gap = self._compute_force(search.x * _SMALLER_GAP)
@@ -331,13 +340,13 @@ class _RubbingProblem:
         jacobian = compute_numeric_jacobian(
             self._compute_force, values, _STEP_OF_COVARIANCE * _SCALE, self.lower, self.upper
         )
-        covariance = estimate_covariance(jacobian, residuals, self._build_rows_of_tool())
+        covariance = estimate_covariance(jacobian, residuals, self._build_tool_jacobian())
         return RubbingRing(
             values,
             covariance,
             self.slope,
             self.origin,
-            self._measure_misfit(residuals),
+            self._compute_force_misfit(residuals),
             residuals,
             self._knows_gap(values, jacobian),
         )

@@ -90,7 +90,7 @@ class _Teeth:
     last_force: float
 
 
-def find_saw(
+def find_sawtooth(
     time: Array, force: Array, marks: Landmarks, tool: Tool, stiffness: float
 ) -> Sawtooth | None:
     """Look for teeth before the edge.
@@ -114,14 +114,16 @@ def find_saw(
     if slope <= 0.0:
         return None
     teeth = _find_teeth(time, smooth, marks.noise)
-    if teeth is None or not _climb_like_ramp(teeth, slope):
+    if teeth is None or not _do_teeth_climb_like_ramp(teeth, slope):
         return None
     return _measure_saw(time, force, marks, teeth, tool=tool, stiffness=stiffness, slope=slope)
 
 
-def _measure_ramp_slope(time: Array, force: Array, smooth: Array, marks: Landmarks) -> float:
+def _measure_ramp_slope(
+    time: Array, force: Array, smoothed_force: Array, marks: Landmarks
+) -> float:
     """Return the slope of the ramp of the edge [N/s]; 0 where too few samples show it."""
-    share = (smooth - marks.level) / marks.rise
+    share = (smoothed_force - marks.level) / marks.rise
     first = int(np.flatnonzero(share < _RAMP_BEGIN)[-1])
     stop = int(np.flatnonzero(share < _RAMP_END)[-1]) + 1
     if stop - first <= 2:
@@ -130,10 +132,10 @@ def _measure_ramp_slope(time: Array, force: Array, smooth: Array, marks: Landmar
     return float(slope)
 
 
-def _find_teeth(time: Array, smooth: Array, noise: float) -> _Teeth | None:
+def _find_teeth(time: Array, smoothed_force: Array, noise: float) -> _Teeth | None:
     """Find the teeth of a force [N] up to its peak; None where there are too few."""
-    tops = _find_tops(smooth, noise)
-    bottoms = _find_tops(-1.0 * smooth, noise)
+    tops = _find_top_samples(smoothed_force, noise)
+    bottoms = _find_top_samples(-1.0 * smoothed_force, noise)
     if len(tops) < _TEETH or not len(bottoms) or bottoms[-1] < tops[-1]:
         return None
     teeth = []
@@ -147,13 +149,13 @@ def _find_teeth(time: Array, smooth: Array, noise: float) -> _Teeth | None:
             teeth.append(_Tooth(bottom, top))
     if not teeth:
         return None
-    rises = np.array([smooth[tooth.top] - smooth[tooth.bottom] for tooth in teeth])
+    rises = np.array([smoothed_force[tooth.top] - smoothed_force[tooth.bottom] for tooth in teeth])
     times = np.array([time[tooth.top] - time[tooth.bottom] for tooth in teeth])
     last = int(bottoms[-1])
-    return _Teeth(teeth, rises, times, last, float(smooth[last]))
+    return _Teeth(teeth, rises, times, last, float(smoothed_force[last]))
 
 
-def _find_tops(force: Array, noise: float) -> NDArray[np.intp]:
+def _find_top_samples(force: Array, noise: float) -> NDArray[np.intp]:
     """Return the samples of the tops that stand out of the noise."""
     from scipy.signal import find_peaks
 
@@ -161,7 +163,7 @@ def _find_tops(force: Array, noise: float) -> NDArray[np.intp]:
     return np.asarray(tops + 2)
 
 
-def _climb_like_ramp(teeth: _Teeth, slope: float) -> bool:
+def _do_teeth_climb_like_ramp(teeth: _Teeth, slope: float) -> bool:
     """Tell whether teeth climb as steeply as the ramp, and do not die away like a ring."""
     steepness = float(np.median(teeth.rises / teeth.times))
     if abs(steepness / slope - 1.0) > _SLOPE_SHARE:
@@ -179,7 +181,7 @@ def _measure_saw(
     stiffness: float,
     slope: float,
 ) -> Sawtooth:
-    """Measure amplitude, time of sticking and both frictions; see `find_saw`.
+    """Measure amplitude, time of sticking and both frictions; see `find_sawtooth`.
 
     `slope` is that of the ramp [N/s].
     """
@@ -201,7 +203,7 @@ def _measure_saw(
     omega = 2.0 * math.pi * frequency
     late = slope / omega
     static = kinetic + math.sqrt(max((top - kinetic) ** 2 - late**2, 0.0))
-    unseen = _compute_average_extra_friction(
+    unseen = _compute_mean_friction_excess(
         static - kinetic, omega * (top - kinetic), slope, stiffness
     )
     amplitude_std = math.hypot(top_std, bottom_std)
@@ -220,14 +222,14 @@ def _measure_saw(
     )
 
 
-def _compute_average_extra_friction(
-    fall: float, fastest_force: float, slope: float, stiffness: float
+def _compute_mean_friction_excess(
+    friction_drop: float, fastest_force: float, slope: float, stiffness: float
 ) -> float:
     """Return the average excess of static over kinetic friction that acts during a slip [N].
 
     Parameters
     ----------
-    fall : float
+    friction_drop : float
         Static over kinetic friction [N].
     fastest_force : float
         Greatest rate of the force during the slip [N/s].
@@ -241,4 +243,4 @@ def _compute_average_extra_friction(
     # hardly known: half of that is uncertain
     fastest = fastest_force / stiffness
     share = min((_STRIBECK / fastest) ** 2, 0.5)
-    return fall * share * math.exp(-slope / stiffness / _STRIBECK)
+    return friction_drop * share * math.exp(-slope / stiffness / _STRIBECK)

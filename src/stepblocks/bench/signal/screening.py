@@ -19,7 +19,9 @@ _LOWEST_RATE = 1500.0  # [Hz] five samples per cycle of a ring at 300 Hz
 _SHORTEST = 1e-300  # duration of a sample that a rate is computed of [s]
 
 
-def screen_trace(trace: Trace, sample_rate: float, limit: float | None = None) -> TrialFault | None:
+def find_trace_fault(
+    trace: Trace, sample_rate: float, force_limit: float | None = None
+) -> TrialFault | None:
     """Find what makes a trace unusable.
 
     Parameters
@@ -27,7 +29,7 @@ def screen_trace(trace: Trace, sample_rate: float, limit: float | None = None) -
     trace : Trace
     sample_rate : float
         As declared [Hz].
-    limit : float, optional
+    force_limit : float, optional
         Force at which the gauges saturate [N].
 
     Returns
@@ -35,15 +37,15 @@ def screen_trace(trace: Trace, sample_rate: float, limit: float | None = None) -
     TrialFault or None
         The first fault; None where the trace can be measured.
     """
-    fault = _find_unsound_samples(trace)
+    fault = _find_sample_fault(trace)
     if fault is None:
         fault = _find_clock_fault(trace.time, sample_rate)
     if fault is None:
-        fault = _find_dead_channel(trace)
+        fault = _find_dead_channel_fault(trace)
     if fault is None:
-        fault = _find_saturation("tangential", trace.tangential, limit)
+        fault = _find_saturation_fault("tangential", trace.tangential, force_limit)
     if fault is None:
-        fault = _find_saturation("normal", trace.normal, limit)
+        fault = _find_saturation_fault("normal", trace.normal, force_limit)
     return fault
 
 
@@ -59,7 +61,7 @@ def compute_sample_rate(time: Array) -> float:
     return 1.0 / max(mean_step, _SHORTEST)
 
 
-def _find_unsound_samples(trace: Trace) -> TrialFault | None:
+def _find_sample_fault(trace: Trace) -> TrialFault | None:
     """Find too few samples, or samples that are not finite numbers."""
     count = trace.time.size
     if count == 0:
@@ -100,7 +102,7 @@ def _find_clock_fault(time: Array, sample_rate: float) -> TrialFault | None:
     return None
 
 
-def _find_dead_channel(trace: Trace) -> TrialFault | None:
+def _find_dead_channel_fault(trace: Trace) -> TrialFault | None:
     """Find a gauge that shows nothing; an ideal one shows a weight as one number throughout."""
     if float(np.ptp(trace.tangential)) == 0.0:
         details = f"the tangential force is {trace.tangential[0]:.4g} N throughout"
@@ -110,22 +112,24 @@ def _find_dead_channel(trace: Trace) -> TrialFault | None:
     return None
 
 
-def _find_saturation(name: str, values: Array, limit: float | None) -> TrialFault | None:
+def _find_saturation_fault(
+    channel_name: str, force: Array, force_limit: float | None
+) -> TrialFault | None:
     """Find a force [N] at the declared limit, or one that stands at its extreme while it moves."""
     at_top = Bound.PEAK_FORCE
     at_bottom = Bound.RING
-    if name == "normal":
+    if channel_name == "normal":
         at_top = at_bottom = Bound.NORMAL_FORCE
-    if limit is not None and float(np.abs(values).max()) >= limit:
-        details = f"the {name} force reaches the range of {limit:g} N"
+    if force_limit is not None and float(np.abs(force).max()) >= force_limit:
+        details = f"the {channel_name} force reaches the range of {force_limit:g} N"
         return TrialFault(FaultKind.SATURATED, details, at_top)
-    run = _find_flat_top(values)
+    run = _find_flat_top_run(force)
     if run is not None:
-        details = _describe_flat_run(run, f"highest {name}", float(values.max()))
+        details = _describe_flat_run(run, f"highest {channel_name}", float(force.max()))
         return TrialFault(FaultKind.SATURATED, details, at_top)
-    run = _find_flat_top(-1.0 * values)
+    run = _find_flat_top_run(-1.0 * force)
     if run is not None:
-        details = _describe_flat_run(run, f"lowest {name}", float(values.min()))
+        details = _describe_flat_run(run, f"lowest {channel_name}", float(force.min()))
         return TrialFault(FaultKind.SATURATED, details, at_bottom)
     return None
 
@@ -142,7 +146,7 @@ class _Run(NamedTuple):
     start: int
 
 
-def _find_flat_top(values: Array) -> _Run | None:
+def _find_flat_top_run(values: Array) -> _Run | None:
     """Find samples in a row at the highest value, to which the record was still moving."""
     moves = np.abs(np.diff(values))
     step = float(np.min(moves, where=moves > 0.0, initial=np.inf))

@@ -66,20 +66,20 @@ class SeparableFit:
 
 
 def fit_separable(
-    basis: Callable[[Array], Array],
+    build_basis: Callable[[Array], Array],
     values: Array,
     start: Array,
     lower: Array,
     upper: Array,
     scale: Array,
     *,
-    slopes: Callable[[Array, Array, Array], Array] | None = None,
+    differentiate_model: Callable[[Array, Array, Array], Array] | None = None,
 ) -> SeparableFit:
     """Fit ``values = basis(shape) @ weights``.
 
     Parameters
     ----------
-    basis : callable
+    build_basis : callable
         From a shape (q,) to columns (n, p).
     values : Array
         Shape (n,).
@@ -87,7 +87,7 @@ def fit_separable(
         Shape (q,), where the search for a shape begins and its bounds.
     scale : Array
         Shape (q,), steps in which the shape moves.
-    slopes : callable, optional
+    differentiate_model : callable, optional
         From a shape (q,), its columns (n, p) and weights (p,), which stay, to the slopes (n, q) of
         their product in the shape; found by differences where omitted.
     """
@@ -96,7 +96,7 @@ def fit_separable(
     @lru_cache(maxsize=1)
     def solve(shape: bytes) -> _LinearFit:
         """Solve for the weights of a shape, given as bytes; the last solution is kept."""
-        columns = basis(np.frombuffer(shape))
+        columns = build_basis(np.frombuffer(shape))
         weights, residuals = fit_linear(columns, values, rcond=_RANK_OF_SEARCH)
         return _LinearFit(columns, weights, residuals)
 
@@ -107,10 +107,10 @@ def fit_separable(
         # the columns as a shape moves them, less what their own weights take up at once
         # (Kaufman 1975, doi:10.1007/bf01932995)
         fit = solve(shape.tobytes())
-        if slopes is not None:
-            moved = slopes(shape, fit.columns, fit.weights)
+        if differentiate_model is not None:
+            moved = differentiate_model(shape, fit.columns, fit.weights)
         else:
-            moved = _differentiate_once(basis, shape, fit, scale, upper)
+            moved = _differentiate_in_shape(build_basis, shape, fit, scale, upper)
         _, remainder = fit_linear(fit.columns, moved, rcond=_RANK_OF_SEARCH)
         return -remainder
 
@@ -128,10 +128,10 @@ def fit_separable(
     fit = solve(shape.tobytes())
 
     def compute_model(shape: Array) -> Array:
-        return np.asarray(basis(shape) @ fit.weights, dtype=float)
+        return np.asarray(build_basis(shape) @ fit.weights, dtype=float)
 
-    if slopes is not None:
-        of_shape = slopes(shape, fit.columns, fit.weights)
+    if differentiate_model is not None:
+        of_shape = differentiate_model(shape, fit.columns, fit.weights)
     else:
         of_shape = compute_numeric_jacobian(compute_model, shape, scale * 1e-4, lower, upper)
     jacobian = np.column_stack([of_shape, fit.columns])
@@ -147,15 +147,15 @@ class _LinearFit(NamedTuple):
     residuals: Array
 
 
-def _differentiate_once(
-    basis: Callable[[Array], Array], shape: Array, fit: _LinearFit, scale: Array, upper: Array
+def _differentiate_in_shape(
+    build_basis: Callable[[Array], Array], shape: Array, fit: _LinearFit, scale: Array, upper: Array
 ) -> Array:
     """Find the slopes of a fit in its shape by one difference each, which stays below `upper`."""
     would_leave = shape + _STEP * scale > upper
     step = np.where(would_leave, -_STEP, _STEP) * scale
     changes = []
     for move in np.diag(step):
-        change_of_columns = basis(shape + move) - fit.columns
+        change_of_columns = build_basis(shape + move) - fit.columns
         changes.append(change_of_columns @ fit.weights)
     return np.stack(changes, axis=1) / step
 
@@ -170,7 +170,7 @@ def fit_linear(columns: Array, values: Array, rcond: float | None = None) -> tup
     return np.asarray(weights, dtype=float), np.asarray(residuals, dtype=float)
 
 
-def compute_residual_squares(columns: Array, values: Array) -> float:
+def compute_residual_sum_of_squares(columns: Array, values: Array) -> float:
     """Return the sum of squares that columns leave of values."""
     _, residuals = fit_linear(columns, values)
     return float(residuals @ residuals)
@@ -209,19 +209,19 @@ def build_wave_columns(time: Array, frequency: float) -> Array:
     return np.stack([np.cos(phase), np.sin(phase)]).T
 
 
-def guess_ring(time: Array, values: Array) -> Tool:
+def guess_ring_frequency_and_decay(time: Array, values: Array) -> Tool:
     """Guess frequency [Hz] and decay time [s] of the strongest ring in `values`."""
     since = time - time[0]
-    frequency = _find_strongest_frequency(time, values)
+    frequency = _find_strongest_spectral_line(time, values)
 
     def compute_rest_of_ring(decay_time: float) -> float:
         ring = build_damped_wave_columns(since, frequency, decay_time)
-        return compute_residual_squares(np.column_stack([np.ones_like(since), ring]), values)
+        return compute_residual_sum_of_squares(np.column_stack([np.ones_like(since), ring]), values)
 
     return Tool(frequency, min(_DECAYS, key=compute_rest_of_ring))
 
 
-def _find_strongest_frequency(time: Array, values: Array) -> float:
+def _find_strongest_spectral_line(time: Array, values: Array) -> float:
     """Return the frequency of the highest line of the spectrum above hum [Hz]."""
     count = values.size
     rate = (count - 1) / (time[-1] - time[0])
@@ -256,7 +256,9 @@ def compute_numeric_jacobian(
     return np.column_stack(columns)
 
 
-def estimate_covariance(jacobian: Array, residuals: Array, known: Array | None = None) -> Array:
+def estimate_covariance(
+    jacobian: Array, residuals: Array, prior_rows: Array | None = None
+) -> Array:
     """Estimate the covariance of the parameters, widened by the autocorrelation of the residuals.
 
     Correlated residuals say less than their number.
@@ -267,7 +269,7 @@ def estimate_covariance(jacobian: Array, residuals: Array, known: Array | None =
         Shape (n, q), of the model.
     residuals : Array
         Shape (n,).
-    known : Array, optional
+    prior_rows : Array, optional
         Shape (m, q), in the unit of the data per parameter: further exact measurements.
 
     Returns
@@ -277,8 +279,8 @@ def estimate_covariance(jacobian: Array, residuals: Array, known: Array | None =
     """
     count, parameters = jacobian.shape
     noise = float(np.sqrt(residuals @ residuals / max(count - parameters, 1)))
-    if known is not None:
-        jacobian = np.vstack([jacobian, known])
+    if prior_rows is not None:
+        jacobian = np.vstack([jacobian, prior_rows])
     size = np.sqrt(np.einsum("ij,ij->j", jacobian, jacobian))
     size[size == 0.0] = 1.0
     # from the rows, not from their squares: those lose half the digits, and with them the rank
@@ -318,7 +320,9 @@ def propagate_std(gradient: Array, covariance: Array) -> float:
     return 0.0
 
 
-def compute_misfit(residuals: Array, parameters: int, begin: int, noise: float) -> float:
+def compute_chi_squared_excess(
+    residuals: Array, parameter_count: int, first_samples: int, noise: float
+) -> float:
     """Return by how many standard errors a fit misses its noise.
 
     It is that of the whole or of its beginning, whichever is worse.
@@ -327,9 +331,9 @@ def compute_misfit(residuals: Array, parameters: int, begin: int, noise: float) 
     ----------
     residuals : Array
         Shape (n,).
-    parameters : int
+    parameter_count : int
         Number of fitted values.
-    begin : int
+    first_samples : int
         Number of samples of the beginning.
     noise : float
         Standard deviation, in the unit of the residuals.
@@ -338,13 +342,15 @@ def compute_misfit(residuals: Array, parameters: int, begin: int, noise: float) 
     # goes under
     if noise <= 0.0:
         return math.inf
-    whole = _compute_misfit_of_part(residuals, parameters, noise)
-    beginning = _compute_misfit_of_part(residuals[:begin], 0, noise)
+    whole = _compute_partial_chi_squared_excess(residuals, parameter_count, noise)
+    beginning = _compute_partial_chi_squared_excess(residuals[:first_samples], 0, noise)
     return max(whole, beginning)
 
 
-def _compute_misfit_of_part(residuals: Array, parameters: int, noise: float) -> float:
+def _compute_partial_chi_squared_excess(
+    residuals: Array, parameter_count: int, noise: float
+) -> float:
     """Return by how many of its standard errors the reduced chi squared exceeds one."""
-    freedom = max(residuals.size - parameters, 1)
+    freedom = max(residuals.size - parameter_count, 1)
     reduced_chi_squared = float(residuals @ residuals) / freedom / noise**2
     return (reduced_chi_squared - 1.0) / math.sqrt(2.0 / freedom)

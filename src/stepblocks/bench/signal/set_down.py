@@ -39,7 +39,7 @@ class SetDown(NamedTuple):
     normal_zero: Estimate
 
 
-def find_set_down(trace: Trace) -> SetDown:
+def find_set_down_and_zeros(trace: Trace) -> SetDown:
     """Find the first sample from which the tip slides, and the zeros of both gauges.
 
     What comes before is an unloaded part, of which the zeros are the means, the load coming on, and
@@ -47,22 +47,22 @@ def find_set_down(trace: Trace) -> SetDown:
     """
     duration = float(trace.time[-1] - trace.time[0])
     calm = max(round(_CALM * (trace.time.size - 1) / duration), 5)
-    loaded = _find_loading(trace, calm)
+    loaded = _find_full_load_and_zeros(trace, calm)
     force = trace.tangential[loaded.first :]
     motion = _find_sliding_start(
-        force, loaded.tangential_zero.value, calm, pulled_up=loaded.first > 0
+        force, loaded.tangential_zero.value, calm, is_pulled_up=loaded.first > 0
     )
     return loaded._replace(first=loaded.first + motion)
 
 
-def _smooth(force: Array) -> Array:
+def _smooth_force(force: Array) -> Array:
     """Return a running mean of the force; its ends fall towards zero."""
     return np.convolve(force, np.full(_SMOOTH, 1.0 / _SMOOTH), mode="same")
 
 
-def _find_loading(trace: Trace, calm: int) -> SetDown:
-    """Find the first sample under full load, and the zeros before; `calm` is two periods."""
-    normal = _smooth(trace.normal)
+def _find_full_load_and_zeros(trace: Trace, calm_samples: int) -> SetDown:
+    """Find the first sample under full load, and the zeros; `calm_samples` is two periods."""
+    normal = _smooth_force(trace.normal)
     low, high = np.percentile(normal[2:-2], (_LOW_PERCENT, _HIGH_PERCENT))
     half_loaded = int(np.argmax(normal[2:] > 0.5 * (low + high))) + 2
     spread = float(np.std(trace.normal[: max(half_loaded // 2, 1)]))
@@ -71,19 +71,19 @@ def _find_loading(trace: Trace, calm: int) -> SetDown:
         return SetDown(0, _UNKNOWN, _UNKNOWN)
     zero = float(np.median(normal[2 : half_loaded // 2]))
     load = high - zero
-    mean = uniform_filter1d(trace.normal, max(min(calm, half_loaded // 4), 5))
+    mean = uniform_filter1d(trace.normal, max(min(calm_samples, half_loaded // 4), 5))
     before = mean[: half_loaded + 1] <= zero + _LOAD_BEGINS * load
     begin = int(np.flatnonzero(before)[-1])
     still = begin - (half_loaded - begin) - _EDGE  # the load comes on smoothly
     tangential_zero = normal_zero = _UNKNOWN
     if still >= _FEWEST_STILL:
-        tangential_zero = _measure_zero(trace.tangential[:still])
-        normal_zero = _measure_zero(trace.normal[:still])
+        tangential_zero = _measure_zero_force(trace.tangential[:still])
+        normal_zero = _measure_zero_force(trace.normal[:still])
     rising = int(np.argmax(mean[half_loaded:] >= zero + _LOAD_STANDS * load))
     return SetDown(half_loaded + rising, tangential_zero, normal_zero)
 
 
-def _measure_zero(force: Array) -> Estimate:
+def _measure_zero_force(force: Array) -> Estimate:
     """Return the mean of a force without load [N]."""
     # samples are correlated: the uncertainty of the mean comes from the means of eighths
     means = [part.mean() for part in np.array_split(force, _PARTS)]
@@ -91,7 +91,7 @@ def _measure_zero(force: Array) -> Estimate:
     return Estimate(float(np.mean(force)), std)
 
 
-def _find_sliding_start(force: Array, zero: float, calm: int, *, pulled_up: bool) -> int:
+def _find_sliding_start(force: Array, zero: float, calm_samples: int, *, is_pulled_up: bool) -> int:
     """Return the index of the first sample at the sliding force.
 
     Parameters
@@ -100,58 +100,60 @@ def _find_sliding_start(force: Array, zero: float, calm: int, *, pulled_up: bool
         Shape (n,), tangential force under load [N].
     zero : float
         Force at rest [N]; NaN where it is not known.
-    calm : int
+    calm_samples : int
         Samples in two periods of a ring.
-    pulled_up : bool
+    is_pulled_up : bool
         Whether the load came on in the record, so that no sliding came before.
     """
-    smooth = _smooth(force)
+    smooth = _smooth_force(force)
     smooth[:2] = force[:2]
     smooth[-2:] = force[-2:]
     at_rest = zero
     if not math.isfinite(zero):
-        at_rest = float(np.median(smooth[:calm]))
+        at_rest = float(np.median(smooth[:calm_samples]))
     climb = smooth[: int(np.argmax(smooth)) + 1] - at_rest
-    foot = _find_ramp_start(climb, calm)
-    level = float(np.median(climb[max(foot - 3 * calm, 0) : foot]))
-    mean = uniform_filter1d(force, calm) - at_rest
+    foot = _find_ramp_start(climb, calm_samples)
+    level = float(np.median(climb[max(foot - 3 * calm_samples, 0) : foot]))
+    mean = uniform_filter1d(force, calm_samples) - at_rest
     start = int(np.argmax(np.append(mean[:foot] >= 0.5 * level, True)))
-    if _stands_still(mean, start, foot, calm, level):
-        first = max(start - calm // 2, 0)
-    elif pulled_up:
+    if _does_handle_stand_still(mean, start, foot, calm_samples, level):
+        first = max(start - calm_samples // 2, 0)
+    elif is_pulled_up:
         first = 0
     else:
         return 0
     return first + int(np.argmax(climb[first:] >= level))
 
 
-def _find_ramp_start(climb: Array, calm: int) -> int:
-    """Return the sample at which the ramp begins; `climb` is the force over rest [N]."""
+def _find_ramp_start(force_over_rest: Array, calm_samples: int) -> int:
+    """Return the sample at which the ramp begins; `force_over_rest` is in newtons."""
     # the line through the middle of the ramp meets the force at rest before the ramp begins; where
     # the spring hardens, time as a parabola of the force does
-    low = _count_to_last_below(climb, 0.5)
-    middle = _count_to_last_below(climb, 0.7)
-    upper = _count_to_last_below(climb, 0.9)
+    low = _find_last_index_below_share(force_over_rest, 0.5)
+    middle = _find_last_index_below_share(force_over_rest, 0.7)
+    upper = _find_last_index_below_share(force_over_rest, 0.9)
     line = 4.5 * middle - 3.5 * upper
     parabola = 7.875 * low - 11.25 * middle + 4.375 * upper
-    return max(int(min(line, parabola)), calm)
+    return max(int(min(line, parabola)), calm_samples)
 
 
-def _count_to_last_below(climb: Array, share: float) -> int:
+def _find_last_index_below_share(force_over_rest: Array, share: float) -> int:
     """Return the number of samples up to the last one below a share of the top."""
-    below = np.append(True, climb < share * climb[-1])
+    below = np.append(True, force_over_rest < share * force_over_rest[-1])
     return int(np.flatnonzero(below)[-1])
 
 
-def _stands_still(mean: Array, start: int, foot: int, calm: int, level: float) -> bool:
+def _does_handle_stand_still(
+    mean_force: Array, start: int, ramp_start: int, calm_samples: int, level: float
+) -> bool:
     """Tell whether the handle stands still at first, until `start`.
 
-    `mean` is the force over rest [N], `level` that of sliding, `foot` the begin of the ramp.
+    `mean_force` is the force over rest [N], `level` that of sliding.
     """
-    if not 2 * calm <= start < foot:
+    if not 2 * calm_samples <= start < ramp_start:
         return False
-    if not float(np.ptp(mean[: start - calm])) < _STANDS * level:
+    if not float(np.ptp(mean_force[: start - calm_samples])) < _STANDS * level:
         return False
     # what still climbs before the foot is a ramp, no sliding
-    sliding = min(level, float(mean[min(start + calm, foot)]))
-    return float(mean[foot - calm // 2]) < _RAMP_SHARE * sliding
+    sliding = min(level, float(mean_force[min(start + calm_samples, ramp_start)]))
+    return float(mean_force[ramp_start - calm_samples // 2]) < _RAMP_SHARE * sliding

@@ -22,7 +22,7 @@ class BandShares(NamedTuple):
     vibration: float
 
 
-def compute_band_shares(
+def compute_loading_and_vibration_shares(
     time: Array, force: Array, approach: Approach, after: Aftermath, peak: Peak
 ) -> BandShares:
     """Compute the shares of loading and vibration; `time` [s] and `force` [N] have shape (n,)."""
@@ -35,12 +35,12 @@ def compute_band_shares(
     loading = clean[onset:release] - approach.sliding_force
     vibration = clean[begin:end] - after.level.value
     return BandShares(
-        compute_band_share(loading, rate, LOADING_BAND),
-        compute_band_share(vibration, rate, VIBRATION_BAND),
+        compute_energy_share_in_band(loading, rate, LOADING_BAND),
+        compute_energy_share_in_band(vibration, rate, VIBRATION_BAND),
     )
 
 
-def compute_band_share(values: Array, rate: float, band: tuple[float, float]) -> float:
+def compute_energy_share_in_band(values: Array, rate: float, band: tuple[float, float]) -> float:
     """Return the share of the energy of a transient that lies in a band, by Parseval's theorem.
 
     Figures 4 and 5 of the paper show it.

@@ -98,48 +98,50 @@ class _ShapeFit:
     fitted: SeparableFit
     fall_time: float
 
-    def get_release(self) -> Estimate:
+    def get_release_time(self) -> Estimate:
         """Return the instant of the release, from the one that was stated [s]."""
-        return self._estimate_shape_parameter(-3)
+        return self._get_shape_parameter(-3)
 
     def get_frequency(self) -> Estimate:
         """Return the frequency of the ring [Hz]."""
-        return self._estimate_shape_parameter(-2)
+        return self._get_shape_parameter(-2)
 
     def get_decay_time(self) -> Estimate:
         """Return the decay time of the ring [s]."""
-        return self._estimate_shape_parameter(-1)
+        return self._get_shape_parameter(-1)
 
-    def get_slope(self) -> Estimate:
+    def get_ramp_slope(self) -> Estimate:
         """Return the slope of the ramp [N/s]."""
         index = self.fitted.shape.size + _SLOPE
         slope = float(self.fitted.weights[_SLOPE])
         return Estimate(slope, self.fitted.get_std(index))
 
-    def estimate_peak(self) -> Estimate:
+    def estimate_peak_force(self) -> Estimate:
         """Estimate the force at the release [N], the sum of level, ring and rest."""
         parts = [_LEVEL, _COSINE]
         if self.shape in _FALLS:
             parts.append(_REST)
         peak = float(self.fitted.weights[parts].sum())
-        return Estimate(peak, self._propagate_std(parts, np.ones(len(parts))))
+        return Estimate(peak, self._compute_std_of_weighted_sum(parts, np.ones(len(parts))))
 
-    def estimate_amplitude(self) -> Estimate:
+    def estimate_ring_amplitude(self) -> Estimate:
         """Estimate the amplitude of the ring at the release from its cosine and sine [N]."""
         parts = self.fitted.weights[[_COSINE, _SINE]]
         amplitude = float(np.hypot(*parts))
         if amplitude == 0.0:
             return Estimate(0.0, math.nan)
-        return Estimate(amplitude, self._propagate_std([_COSINE, _SINE], parts / amplitude))
+        return Estimate(
+            amplitude, self._compute_std_of_weighted_sum([_COSINE, _SINE], parts / amplitude)
+        )
 
-    def _estimate_shape_parameter(self, from_end: int) -> Estimate:
+    def _get_shape_parameter(self, from_end: int) -> Estimate:
         """Return a nonlinear parameter by its negative index, -1 for the last one."""
         index = self.fitted.shape.size + from_end
         return Estimate(float(self.fitted.shape[index]), self.fitted.get_std(index))
 
-    def _propagate_std(self, places: list[int], slopes: Array) -> float:
+    def _compute_std_of_weighted_sum(self, weight_indices: list[int], slopes: Array) -> float:
         """Return the standard uncertainty of a sum of weights, each times its slope."""
-        at = self.fitted.shape.size + np.array(places)
+        at = self.fitted.shape.size + np.array(weight_indices)
         covariance = self.fitted.covariance[np.ix_(at, at)]
         return math.sqrt(max(float(slopes @ covariance @ slopes), 0.0))
 
@@ -180,31 +182,31 @@ def fit_whole_record(trace: Trace, onset: float, release: float, tool: Tool) -> 
     samples_before, samples_after = np.sum(time < 0.0), np.sum(time > 0.0)
     if min(samples_before, samples_after) < 0.5 * _LEAST_SAMPLES:
         return None
-    fits = [_fit_corner(time, force, tool)]
+    fits = [_fit_corner_shape(time, force, tool)]
     for shape in _FALLS:
-        fits.append(_fit_fall(shape, time, force, tool))
-    return _average_shapes(fits, release)
+        fits.append(_fit_fall_shape(shape, time, force, tool))
+    return _average_shape_fits(fits, release)
 
 
-def _fall_exponentially(share: Array) -> Array:
-    """Fall from 1 by 1/e; `share` is the time since the release over the fall."""
-    return np.asarray(np.exp(-share))
+def _compute_exponential_fall(time_over_fall: Array) -> Array:
+    """Fall from 1 by 1/e; the time counts from the release."""
+    return np.asarray(np.exp(-time_over_fall))
 
 
-def _fall_half_cosine(share: Array) -> Array:
+def _compute_half_cosine_fall(time_over_fall: Array) -> Array:
     """Fall from 1 to 0 along half a cosine."""
-    return np.asarray(0.5 * (1.0 + np.cos(np.pi * np.minimum(share, 1.0))))
+    return np.asarray(0.5 * (1.0 + np.cos(np.pi * np.minimum(time_over_fall, 1.0))))
 
 
-def _compute_falling_parabola(share: Array) -> Array:
-    """Return what falls from 1 to 0 along a parabola that begins level, as `share` rises to 1."""
-    return np.asarray(1.0 - np.minimum(share, 1.0) ** 2)
+def _compute_parabolic_fall(time_over_fall: Array) -> Array:
+    """Return the fall from 1 to 0 along a parabola that begins level, as time goes on."""
+    return np.asarray(1.0 - np.minimum(time_over_fall, 1.0) ** 2)
 
 
 _FALLS: dict[ReleaseShape, Callable[[Array], Array]] = {
-    ReleaseShape.EXPONENTIAL: _fall_exponentially,
-    ReleaseShape.HALF_COSINE: _fall_half_cosine,
-    ReleaseShape.PARABOLA: _compute_falling_parabola,
+    ReleaseShape.EXPONENTIAL: _compute_exponential_fall,
+    ReleaseShape.HALF_COSINE: _compute_half_cosine_fall,
+    ReleaseShape.PARABOLA: _compute_parabolic_fall,
 }
 
 
@@ -221,95 +223,97 @@ def _build_corner_columns(time: Array, parameters: Array) -> Array:
     return np.column_stack([np.ones_like(time), before, after, ring])
 
 
-def _build_fall_columns(shape: ReleaseShape, time: Array, parameters: Array) -> Array:
+def _build_fall_columns(release_shape: ReleaseShape, time: Array, parameters: Array) -> Array:
     """Build the columns of a corner, and that of the rest of the peak; shape (n, 6).
 
     `parameters` are the length of the fall [s], then those of a corner.
     """
     fall, release = parameters[:2]
     after = np.maximum(time - release, 0.0)
-    falling = _FALLS[shape](after / fall)
+    falling = _FALLS[release_shape](after / fall)
     corner = _build_corner_columns(time, parameters[1:])
     return np.column_stack([corner, falling])
 
 
-def _fit_corner(time: Array, force: Array, tool: Tool) -> _ShapeFit:
+def _fit_corner_shape(time: Array, force: Array, tool: Tool) -> _ShapeFit:
     """Fit a ring that begins at the peak itself."""
     build = partial(_build_corner_columns, time)
-    fitted = _fit_record(build, time, force, tool)
+    fitted = _fit_release_and_ring(build, time, force, tool)
     return _ShapeFit(ReleaseShape.CORNER, fitted, 0.0)
 
 
-def _fit_fall(shape: ReleaseShape, time: Array, force: Array, tool: Tool) -> _ShapeFit:
+def _fit_fall_shape(
+    release_shape: ReleaseShape, time: Array, force: Array, tool: Tool
+) -> _ShapeFit:
     """Fit a fall of some shape, from the length that does best."""
     step = float(np.median(np.diff(time)))
-    build = partial(_build_fall_columns, shape, time)
+    build = partial(_build_fall_columns, release_shape, time)
     best: SeparableFit | None = None
     for fall in _FIRST_FALLS:
         shortest = min(0.3 * fall, 0.5 * step)
         longest = min(3.0 * fall, _LONGEST_FALL)
         length = (fall, shortest, longest, 0.2 * fall)
-        fitted = _fit_record(build, time, force, tool, length)
-        if best is None or _compute_cost(fitted) < _compute_cost(best):
+        fitted = _fit_release_and_ring(build, time, force, tool, length)
+        if best is None or _compute_sum_of_squares(fitted) < _compute_sum_of_squares(best):
             best = fitted
     assert best is not None
-    return _ShapeFit(shape, best, float(best.shape[0]))
+    return _ShapeFit(release_shape, best, float(best.shape[0]))
 
 
-def _fit_record(
-    build: Callable[[Array], Array],
+def _fit_release_and_ring(
+    build_columns: Callable[[Array], Array],
     time: Array,
     force: Array,
     tool: Tool,
-    length: tuple[float, ...] = (),
+    fall_bounds: tuple[float, ...] = (),
 ) -> SeparableFit:
     """Fit instant of the release, frequency and decay of the ring, from where they are stated.
 
-    `length` has start, bounds and scale of the length of the fall, where there is one [s].
+    `fall_bounds` has start, bounds and scale of the length of the fall, where there is one [s].
     """
     step = float(np.median(np.diff(time)))
     reach = _SAMPLES_OF_DRIFT * step
-    rows = [length] if length else []
+    rows = [fall_bounds] if fall_bounds else []
     frequency, decay = tool
     rows.append((0.0, -reach, reach, step))
     rows.append((frequency, 0.7 * frequency, 1.4 * frequency, 1.0))
     rows.append((decay, 0.2 * decay, 5.0 * decay, 0.1 * decay))
     start, lower, upper, scale = np.array(rows).T
-    return fit_separable(build, force, start, lower, upper, scale)
+    return fit_separable(build_columns, force, start, lower, upper, scale)
 
 
-def _compute_cost(fitted: SeparableFit) -> float:
+def _compute_sum_of_squares(fitted: SeparableFit) -> float:
     """Compute the sum of squares that a fit leaves [N^2]."""
     return float(fitted.residuals @ fitted.residuals)
 
 
-def _compute_criterion(fit: _ShapeFit, independent: float) -> float:
+def _compute_schwarz_criterion(fit: _ShapeFit, independent_count: float) -> float:
     """Compute Schwarz's criterion for a number of independent residuals."""
-    power = max(_compute_cost(fit.fitted), 1e-30)
+    power = max(_compute_sum_of_squares(fit.fitted), 1e-30)
     free = fit.fitted.shape.size + fit.fitted.weights.size
-    misfit = independent * math.log(power / independent)
-    price_of_freedom = free * math.log(independent)
+    misfit = independent_count * math.log(power / independent_count)
+    price_of_freedom = free * math.log(independent_count)
     return misfit + price_of_freedom
 
 
-def _average_shapes(fits: list[_ShapeFit], release: float) -> WholeRecord:
+def _average_shape_fits(fits: list[_ShapeFit], release: float) -> WholeRecord:
     """Average what the shapes show by their likelihood; the times count from the `release` [s]."""
-    closest = min((fit.fitted for fit in fits), key=_compute_cost).residuals
+    closest = min((fit.fitted for fit in fits), key=_compute_sum_of_squares).residuals
     # residuals that are correlated count as fewer, and for all shapes as equally many
     independent = closest.size / compute_correlation_inflation(closest)
-    criteria = np.array([_compute_criterion(fit, independent) for fit in fits])
+    criteria = np.array([_compute_schwarz_criterion(fit, independent) for fit in fits])
     odds = np.exp(-0.5 * (criteria - criteria.min()))
     shares = odds / odds.sum()
     best = fits[int(np.argmin(criteria))]
 
     def average(estimate: Callable[[_ShapeFit], Estimate]) -> Estimate:
         """Average an estimate over the shapes by their shares."""
-        return _average([estimate(fit) for fit in fits], shares)
+        return _average_estimates([estimate(fit) for fit in fits], shares)
 
-    since_release = average(_ShapeFit.get_release)
+    since_release = average(_ShapeFit.get_release_time)
     release_time = Estimate(release + since_release.value, since_release.std)
-    peak_force = average(_ShapeFit.estimate_peak)
-    ring_amplitude = average(_ShapeFit.estimate_amplitude)
+    peak_force = average(_ShapeFit.estimate_peak_force)
+    ring_amplitude = average(_ShapeFit.estimate_ring_amplitude)
     noise = np.sqrt(np.mean(best.fitted.residuals**2))
     return WholeRecord(
         shape=best.shape,
@@ -318,14 +322,14 @@ def _average_shapes(fits: list[_ShapeFit], release: float) -> WholeRecord:
         peak_force=peak_force,
         ring_amplitude=ring_amplitude,
         release_time=release_time,
-        slope=average(_ShapeFit.get_slope),
+        slope=average(_ShapeFit.get_ramp_slope),
         frequency=average(_ShapeFit.get_frequency),
         decay_time=average(_ShapeFit.get_decay_time),
         noise=float(noise),
     )
 
 
-def _average(estimates: list[Estimate], shares: Array) -> Estimate:
+def _average_estimates(estimates: list[Estimate], shares: Array) -> Estimate:
     """Average estimates by their shares; their spread is part of the uncertainty."""
     values = np.array([estimate.value for estimate in estimates])
     variances = np.array([estimate.std**2 for estimate in estimates])

@@ -75,7 +75,7 @@ def read_columns_in_worker(
 
 def close_container_in_worker(path: Path) -> dict[str, object]:
     """Close the container that this worker keeps open."""
-    _open_container.cache_clear()
+    _open_cached_container.cache_clear()
     return {}
 
 
@@ -87,7 +87,7 @@ def _read_columns(
     if place.has_own_file:
         opened = reader.open(path, layout)
     else:
-        opened = nullcontext(_find_container(path, kind, layout))
+        opened = nullcontext(_open_current_container(path, kind, layout))
     with opened as file:
         if not names:
             return {}
@@ -95,21 +95,21 @@ def _read_columns(
         columns: dict[str, object] = {}
         for number, name in enumerate(names):
             columns[str(number)] = _convert_samples(reader.read_column(group, name), name)
-        columns["increments"] = _read_increments(reader, group, names)
+        columns["increments"] = _read_sample_intervals(reader, group, names)
         columns["notes"] = reader.list_notes(group, names)
         return columns
 
 
-def _find_container(path: Path, kind: str, layout: TextLayout) -> object:
+def _open_current_container(path: Path, kind: str, layout: TextLayout) -> object:
     """Return a container, opened anew where the file has changed."""
     status = path.stat()
     stamp = (status.st_ino, status.st_size, status.st_mtime_ns)
-    file, _ = _open_container(kind, path, stamp, layout)
+    file, _ = _open_cached_container(kind, path, stamp, layout)
     return file
 
 
 @lru_cache(maxsize=1)
-def _open_container(
+def _open_cached_container(
     kind: str, path: Path, _stamp: tuple[int, ...], layout: TextLayout
 ) -> tuple[object, ExitStack]:
     """Open a file that stays open for the trials that follow, as long as its holder is kept."""
@@ -135,7 +135,7 @@ def _convert_samples(values: object, name: str | int) -> Array:
     return np.asarray(array, dtype=float).ravel()
 
 
-def _read_increments(
+def _read_sample_intervals(
     reader: TraceReader[Any, Any], group: object, names: Sequence[str | int]
 ) -> Array:
     """Return the times between two samples that the attributes of a trial state."""

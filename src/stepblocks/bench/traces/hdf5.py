@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stepblocks.bench.faults import FaultKind, TraceError
-from stepblocks.bench.signal import MOST_SAMPLES, join_first_eight, refuse_oversized_channel
+from stepblocks.bench.signal import MOST_SAMPLES, format_first_eight_names, refuse_oversized_channel
 from stepblocks.bench.traces.reader import TextLayout, TraceReader, TrialPlace
-from stepblocks.bench.traces.rows import TrialRow, cut_trailing_nans, describe_arrays
+from stepblocks.bench.traces.rows import TrialRow, cut_trailing_nans, describe_file_arrays
 
 _CACHE = 256 * 2**10  # descriptions of groups that are kept, in their size on disk [bytes]
 _LISTED_ITEMS = 10  # of a file, which a message may list
@@ -57,11 +57,11 @@ class Hdf5Reader(TraceReader["h5py.File", "h5py.Group | h5py.Dataset | RowOfFile
         for name in place.groups:
             if name in file:
                 group = file[name]
-                _refuse_external(group, file)
+                _refuse_external_storage(group, file)
                 return group
         raise TraceError(
             FaultKind.MISSING,
-            f"no group {place.groups[0]!r} among the traces; {_describe_top_level(file)}",
+            f"no group {place.groups[0]!r} among the traces; {_describe_top_level_arrays(file)}",
         )
 
     def read_column(
@@ -69,18 +69,18 @@ class Hdf5Reader(TraceReader["h5py.File", "h5py.Group | h5py.Dataset | RowOfFile
     ) -> ArrayLike:
         """Read one channel of a group of datasets, of a table, or of a row of arrays."""
         if isinstance(group, RowOfFile):
-            return _read_row(group, name)
+            return _read_array_row(group, name)
         if isinstance(group, h5py.Dataset):
             return _read_table_column(group, name)
         if isinstance(name, int) or name not in group:
             raise TraceError(
                 FaultKind.UNKNOWN_CHANNEL,
-                f"no {name!r} in the group, it has {join_first_eight(group)}",
+                f"no {name!r} in the group, it has {format_first_eight_names(group)}",
             )
         dataset = group[name]
         if not isinstance(dataset, h5py.Dataset):
             raise TraceError(FaultKind.WITHOUT_HEADING, f"channel {name!r} is a group, no dataset")
-        _refuse_external(dataset, group)
+        _refuse_external_storage(dataset, group)
         refuse_oversized_channel(dataset.size, name)
         return np.asarray(dataset[()])
 
@@ -101,26 +101,26 @@ class Hdf5Reader(TraceReader["h5py.File", "h5py.Group | h5py.Dataset | RowOfFile
         return attributes
 
 
-def _describe_top_level(file: "h5py.File") -> str:
+def _describe_top_level_arrays(file: "h5py.File") -> str:
     """Describe the arrays at the top level of a file."""
     shapes: dict[str, tuple[int, ...]] = {}
     for name in islice(file, _LISTED_ITEMS):
         with suppress(Exception):  # the library raises anything on damaged items
             shapes[name] = getattr(file[name], "shape", ())
-    return describe_arrays(shapes)
+    return describe_file_arrays(shapes)
 
 
-def _read_row(group: RowOfFile, name: str | int) -> ArrayLike:
+def _read_array_row(group: RowOfFile, name: str | int) -> ArrayLike:
     """Read the row of one trial from an array of trials x samples."""
     if isinstance(name, int) or name not in group.file:
         raise TraceError(
             FaultKind.UNKNOWN_CHANNEL,
-            f"no array {name!r}; {_describe_top_level(group.file)}",
+            f"no array {name!r}; {_describe_top_level_arrays(group.file)}",
         )
     array = group.file[name]
     if not isinstance(array, h5py.Dataset):
         raise TraceError(FaultKind.WITHOUT_HEADING, f"channel {name!r} is a group, no array")
-    _refuse_external(array, group.file)
+    _refuse_external_storage(array, group.file)
     if max(array.shape, default=0) == array.size:
         refuse_oversized_channel(array.size, name)
         return np.asarray(array[()]).ravel()
@@ -131,7 +131,7 @@ def _read_row(group: RowOfFile, name: str | int) -> ArrayLike:
     return cut_trailing_nans(np.asarray(array[:, group.row.number]))
 
 
-def _refuse_external(item: "h5py.HLObject", container: "h5py.HLObject") -> None:
+def _refuse_external_storage(item: "h5py.HLObject", container: "h5py.HLObject") -> None:
     """Refuse what lies in another file, by a link or by storage outside.
 
     A session is what its folder holds.

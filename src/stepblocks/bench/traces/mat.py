@@ -18,10 +18,10 @@ from numpy.typing import ArrayLike
 from scipy.io import loadmat, whosmat
 
 from stepblocks.bench.faults import FaultKind, TraceError
-from stepblocks.bench.signal import join_first_eight
+from stepblocks.bench.signal import format_first_eight_names
 from stepblocks.bench.traces.hdf5 import Hdf5Reader
 from stepblocks.bench.traces.reader import TextLayout, TraceReader, TrialPlace
-from stepblocks.bench.traces.rows import TrialRow, describe_arrays
+from stepblocks.bench.traces.rows import TrialRow, describe_file_arrays
 
 _HEADER = 128  # bytes of a version 5 file before its first variable
 _MARK = slice(126, 128)  # of the header, which tells the order of bytes
@@ -57,7 +57,7 @@ class Variables:
     path: Path
     extents: dict[str, Extent]
 
-    def load_first(self, names: tuple[str, ...]) -> object:
+    def load_first_variable(self, names: tuple[str, ...]) -> object:
         """Read the first of `names` that is there: a struct as a dict, else an array."""
         for name in names:
             if name in self.extents:
@@ -76,7 +76,7 @@ class Variables:
                 opened: Any = _extract_variable(self.path, begin)  # the stubs know paths alone
                 ((_, shape, _kind),) = whosmat(opened)
                 shapes[name] = tuple(shape)
-        return describe_arrays(shapes)
+        return describe_file_arrays(shapes)
 
     def _load_variable(self, name: str, extent: Extent) -> object:
         """Read one variable."""
@@ -123,7 +123,7 @@ class MatReader(TraceReader[Any, Any]):
         if _is_hdf5(path):
             file: AbstractContextManager[object] = self._hdf5.open(path, layout)
             return file
-        return nullcontext(find_mat_variables(path))
+        return nullcontext(list_mat_variables(path))
 
     def find_group(self, file: object, place: TrialPlace) -> object:
         """Find the struct or the matrix of one trial; a file of its own is the group itself."""
@@ -133,7 +133,7 @@ class MatReader(TraceReader[Any, Any]):
             return RowOfVariables(file, place.row)
         if place.is_whole_file:
             return file
-        value = file.load_first(place.groups)
+        value = file.load_first_variable(place.groups)
         if isinstance(value, dict):
             return value
         return np.asarray(value)
@@ -141,14 +141,14 @@ class MatReader(TraceReader[Any, Any]):
     def read_column(self, group: object, name: str | int) -> ArrayLike:
         """Read one channel."""
         if isinstance(group, RowOfVariables):
-            array = np.asarray(group.variables.load_first((str(name),)))
+            array = np.asarray(group.variables.load_first_variable((str(name),)))
             return group.row.select_samples(array, name)
         if isinstance(group, Variables):
-            return np.asarray(group.load_first((str(name),)))
+            return np.asarray(group.load_first_variable((str(name),)))
         if isinstance(group, dict):
-            return np.asarray(_read_field(group, name))
+            return np.asarray(_get_struct_field(group, name))
         if isinstance(group, np.ndarray):
-            return _read_matrix_column(group, name)
+            return _get_matrix_column(group, name)
         return self._hdf5.read_column(group, name)
 
     def read_attributes(self, group: object, names: Sequence[str | int]) -> Mapping[str, object]:
@@ -168,17 +168,17 @@ def _is_hdf5(path: Path) -> bool:
     return _HDF5_MARK in (begin, after_block)
 
 
-def _read_field(fields: Mapping[str, object], name: str | int) -> object:
+def _get_struct_field(fields: Mapping[str, object], name: str | int) -> object:
     """Return a field of a struct; refuse a name that the struct lacks."""
     if name not in fields:
         raise TraceError(
             FaultKind.UNKNOWN_CHANNEL,
-            f"no {name!r} in the struct, it has {join_first_eight(fields)}",
+            f"no {name!r} in the struct, it has {format_first_eight_names(fields)}",
         )
     return fields[str(name)]
 
 
-def _read_matrix_column(matrix: "np.ndarray[Any, Any]", index: str | int) -> ArrayLike:
+def _get_matrix_column(matrix: "np.ndarray[Any, Any]", index: str | int) -> ArrayLike:
     """Return a column of a matrix by its index from 0."""
     is_matrix = matrix.ndim == 2
     if not isinstance(index, int) or not is_matrix or not 0 <= index < matrix.shape[1]:
@@ -189,7 +189,7 @@ def _read_matrix_column(matrix: "np.ndarray[Any, Any]", index: str | int) -> Arr
     return np.asarray(matrix[:, index])
 
 
-def find_mat_variables(path: Path) -> Variables:
+def list_mat_variables(path: Path) -> Variables:
     """Look through a version 5 file for the names of its variables, once.
 
     SciPy reads through all of them to find one.
@@ -210,9 +210,9 @@ def find_mat_variables(path: Path) -> Variables:
             )
         start = _HEADER
         while start + _TAG <= size:
-            length = _read_length(file, start, _BYTE_ORDERS[mark])
+            length = _read_variable_length(file, start, _BYTE_ORDERS[mark])
             extent = Extent(start, length)
-            name = _read_name(path, extent)
+            name = _read_variable_name(path, extent)
             if start + length > size:
                 raise TraceError(
                     FaultKind.WITHOUT_HEADING,
@@ -223,14 +223,14 @@ def find_mat_variables(path: Path) -> Variables:
     return Variables(path, extents)
 
 
-def _read_length(file: BinaryIO, start: int, byte_order: str) -> int:
+def _read_variable_length(file: BinaryIO, start: int, byte_order: str) -> int:
     """Return the length of the variable at a place, with its tag [bytes]."""
     file.seek(start)
     _, length = struct.unpack(f"{byte_order}II", file.read(_TAG))
     return _TAG + int(length)
 
 
-def _read_name(path: Path, extent: Extent) -> str:
+def _read_variable_name(path: Path, extent: Extent) -> str:
     """Return the name of a variable from its first bytes."""
     begin = Extent(extent.start, min(extent.length, _NAMED))
     try:

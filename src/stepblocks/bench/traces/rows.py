@@ -66,7 +66,7 @@ def cut_trailing_nans(samples: NDArray[np.generic]) -> NDArray[np.generic]:
     return samples[: seen[-1] + 1]
 
 
-def describe_arrays(shapes: Mapping[str, tuple[int, ...]]) -> str:
+def describe_file_arrays(shapes: Mapping[str, tuple[int, ...]]) -> str:
     """Say what arrays a file holds, and how a row per trial is declared where it may be one."""
     listed = [f"{name} ({format_shape(shape)})" for name, shape in shapes.items()]
     text = ", ".join(listed[:_LISTED])

@@ -10,7 +10,7 @@ import numpy as np
 
 from stepblocks.bench.channel import Channel
 from stepblocks.bench.faults import FaultKind, TraceError
-from stepblocks.bench.patterns import fill_pattern, resolve_inside
+from stepblocks.bench.patterns import fill_file_pattern, resolve_path_inside_session
 from stepblocks.bench.session import Acquisition, Session
 from stepblocks.bench.signal import Trace
 from stepblocks.bench.traces import columns
@@ -92,7 +92,7 @@ class Traces(ExitStack):
     def __init__(self, session: Session) -> None:
         super().__init__()
         self.session = session
-        self._channels = session.acquisition.channels.pair_with_dimensions()
+        self._channels = session.acquisition.channels.map_names_to_dimensioned_channels()
         self._layout = _build_text_layout(session.acquisition)
         self.notes: dict[str, None] = {}  # what had to be found out, in its order
         self._container: Path | None = None
@@ -102,7 +102,7 @@ class Traces(ExitStack):
     def _open_container_file(self) -> Path:
         """Return the one file of all trials, which stays open until the traces are closed."""
         relative = self.session.acquisition.traces
-        path = resolve_inside(self.session.folder, relative, "acquisition.traces")
+        path = resolve_path_inside_session(self.session.folder, relative, "acquisition.traces")
         if not is_file(path):
             raise BenchError(f"traces are missing, expected {relative} [{self.session.folder}]")
         try:
@@ -122,7 +122,7 @@ class Traces(ExitStack):
             If the trial has no trace that can be used.
         """
         if self.session.acquisition.split:
-            trace = self._cut_trial(trial)
+            trace = self._cut_trial_from_record(trial)
         else:
             trace = self._read_record(trial)
         trim = self.session.acquisition.trim
@@ -131,7 +131,7 @@ class Traces(ExitStack):
         first, last = np.searchsorted(trace.time - trace.time[0], trim)
         return _select_samples(trace, slice(first, last))
 
-    def _cut_trial(self, trial: str) -> Trace:
+    def _cut_trial_from_record(self, trial: str) -> Trace:
         """Return the part of the one record that a trial is."""
         cuts = self.drags.cuts
         if trial not in cuts:
@@ -159,14 +159,14 @@ class Traces(ExitStack):
             _list_possible_group_names(acquisition.group, trial),
             has_own_file=has_own_file,
             is_whole_file=has_own_file and acquisition.group is None,
-            row=self._find_array_row(trial),
+            row=self._find_trial_row(trial),
         )
         names = [channel.column for channel, _ in self._channels.values()]
         raw = self._read_columns(path, place, names)
-        _refuse_contradicting_increments(raw.increments, acquisition.sample_rate)
+        _refuse_contradicting_intervals(raw.increments, acquisition.sample_rate)
         return self._convert_to_si(raw)
 
-    def _find_array_row(self, trial: str) -> TrialRow | None:
+    def _find_trial_row(self, trial: str) -> TrialRow | None:
         """Return the row of a trial where each trial is a row of arrays; None for other layouts."""
         if self.session.acquisition.rows is None:
             return None
@@ -213,8 +213,8 @@ class Traces(ExitStack):
             offset = channel.channel.find_offset_in_si(channel.dimension, name)
             if offset:
                 values = values - offset
-            quantities[name] = _subtract_tare(values, channel.channel, name, rate)
-        _check_lengths(quantities)
+            quantities[name] = _subtract_channel_tare(values, channel.channel, name, rate)
+        _refuse_unequal_lengths(quantities)
         tangential = quantities["tangential"]
         time = quantities.get("time")
         if time is None:
@@ -225,7 +225,7 @@ class Traces(ExitStack):
 def _build_text_layout(acquisition: Acquisition) -> TextLayout:
     """Return how the text of traces is written; columns given by their number have no names."""
     is_named = True
-    for channel, _ in acquisition.channels.pair_with_dimensions().values():
+    for channel, _ in acquisition.channels.map_names_to_dimensioned_channels().values():
         if isinstance(channel.column, int):
             is_named = False
     return TextLayout(
@@ -243,23 +243,23 @@ def _select_samples(trace: Trace, samples: slice) -> Trace:
     return Trace(trace.time[samples], trace.tangential[samples], trace.normal[samples])
 
 
-def _refuse_contradicting_increments(increments: Array, rate: float) -> None:
+def _refuse_contradicting_intervals(increments: Array, declared_rate: float) -> None:
     """Refuse a file that states another sampling interval than the declared rate [Hz]."""
-    steps = increments * rate
+    steps = increments * declared_rate
     # of an increment in ms or us the unit is not known, and it contradicts nothing
     powers = np.log10(steps) / _DECADES_OF_UNITS
     if np.any(np.abs(powers - np.round(powers)) > _RATE_TOLERANCE / _DECADES_OF_UNITS):
-        stated_rate = rate / float(steps[0])
+        stated_rate = declared_rate / float(steps[0])
         raise TraceError(
             FaultKind.WRONG_RATE,
             f"the file has an increment of {1e6 / stated_rate:.6g} us ({stated_rate:.6g} Hz), "
-            f"`acquisition.sample_rate` is {rate:.6g} Hz",
+            f"`acquisition.sample_rate` is {declared_rate:.6g} Hz",
         )
 
 
-def _subtract_tare(values: Array, channel: Channel, name: str, rate: float) -> Array:
+def _subtract_channel_tare(values: Array, channel: Channel, name: str, rate: float) -> Array:
     """Return a channel less the mean of what the record begins with, where that is its zero."""
-    count = round(channel.read_tare_duration(name) * rate)
+    count = round(channel.parse_tare_duration(name) * rate)
     if count >= max(values.size, 1):
         raise TraceError(
             FaultKind.TRUNCATED,
@@ -271,7 +271,7 @@ def _subtract_tare(values: Array, channel: Channel, name: str, rate: float) -> A
     return tared
 
 
-def _check_lengths(quantities: dict[str, Array]) -> None:
+def _refuse_unequal_lengths(quantities: dict[str, Array]) -> None:
     """Refuse channels of different lengths."""
     sizes = {name: values.size for name, values in quantities.items()}
     if len(set(sizes.values())) != 1:
@@ -283,10 +283,10 @@ def _check_lengths(quantities: dict[str, Array]) -> None:
 
 def _find_trial_file(session: Session, trial: str) -> Path:
     """Return the file of one trial inside the session."""
-    relative = fill_pattern(session.acquisition.traces, trial=trial)
+    relative = fill_file_pattern(session.acquisition.traces, trial=trial)
     if "/" in trial or "\\" in trial or ".." in trial:
         raise TraceError(FaultKind.WITHOUT_HEADING, f"trial {trial!r} is no part of a file name")
-    path = resolve_inside(session.folder, relative, "acquisition.traces")
+    path = resolve_path_inside_session(session.folder, relative, "acquisition.traces")
     if not is_file(path):
         raise TraceError(FaultKind.MISSING, f"there is no {relative}")
     if path.stat().st_size > _MOST_BYTES:
@@ -297,9 +297,9 @@ def _find_trial_file(session: Session, trial: str) -> Path:
 def _list_possible_group_names(pattern: str | None, trial: str) -> tuple[str, ...]:
     """Return names that the group of a trial may have, the likeliest first."""
     if pattern is not None:
-        return (fill_pattern(pattern, trial=trial),)
+        return (fill_file_pattern(pattern, trial=trial),)
     names: dict[str, None] = {}
     for usual in _USUAL_GROUPS:
         with suppress(TraceError):  # a name that is no number has no four digits
-            names[fill_pattern(usual, trial=trial)] = None
+            names[fill_file_pattern(usual, trial=trial)] = None
     return tuple(names)

@@ -25,8 +25,8 @@ _LEAST_FALL = 1e-12  # by which no fall is divided less [N]
 _LINE, _CUT = "#1f4e79", "#b03030"
 
 
-def cut_drags(trace: Trace, count: int) -> list[slice]:
-    """Find `count` drags, by the lifted tip where it is lifted between them.
+def cut_drags(trace: Trace, drag_count: int) -> list[slice]:
+    """Find `drag_count` drags, by the lifted tip where it is lifted between them.
 
     Otherwise the releases that fall most are their ends.
 
@@ -36,9 +36,9 @@ def cut_drags(trace: Trace, count: int) -> list[slice]:
         If the record does not show so many releases.
     """
     rate = (trace.time.size - 1) / float(trace.time[-1] - trace.time[0])
-    releases = _find_releases(trace.tangential, rate, count)
-    loaded = _find_loaded_samples(trace.normal, rate)
-    smooth = _smooth(trace.tangential)
+    releases = _find_releases(trace.tangential, rate, drag_count)
+    loaded = _mark_loaded_samples(trace.normal, rate)
+    smooth = _smooth_force(trace.tangential)
     cuts = [0]
     for release, following in itertools.pairwise(releases):
         # a cut lies in the middle of what is between the ring and the next ramp, at the end of the
@@ -49,17 +49,17 @@ def cut_drags(trace: Trace, count: int) -> list[slice]:
             lead = after_ring + int(in_air[-1]) - round(_LEAD * rate)
             cuts.append(max(after_ring + int(in_air[0]), lead))
         else:
-            cuts.append(_find_cut_while_sliding(smooth, after_ring, following, rate))
+            cuts.append(_find_cut_in_sliding(smooth, after_ring, following, rate))
     cuts.append(trace.time.size)
     return [slice(first, last) for first, last in itertools.pairwise(cuts)]
 
 
-def _smooth(force: Array) -> Array:
+def _smooth_force(force: Array) -> Array:
     """Return a running mean of the force; its ends fall towards zero."""
     return np.convolve(force, np.full(_SMOOTH, 1.0 / _SMOOTH), mode="same")
 
 
-def _find_loaded_samples(normal: Array, rate: float) -> NDArray[np.bool_]:
+def _mark_loaded_samples(normal: Array, rate: float) -> NDArray[np.bool_]:
     """Tell the samples at which the tip is on the block.
 
     All of them are where the normal force never rests near none.
@@ -71,46 +71,51 @@ def _find_loaded_samples(normal: Array, rate: float) -> NDArray[np.bool_]:
     return loaded
 
 
-def _find_cut_while_sliding(smooth: Array, after_ring: int, following: int, rate: float) -> int:
+def _find_cut_in_sliding(
+    smoothed_force: Array, after_ring: int, next_release: int, rate: float
+) -> int:
     """Return the sample at which a drag begins whose tip stayed on the block.
 
-    `smooth` is the tangential force [N], `following` the sample of its release.
+    `smoothed_force` is the tangential force [N], `next_release` the sample of its release.
     """
-    begin = smooth[after_ring : after_ring + max((following - after_ring) // 4, 1)]
+    begin = smoothed_force[after_ring : after_ring + max((next_release - after_ring) // 4, 1)]
     level = float(np.median(begin))
-    highest = level + _SLIDING * (smooth[following] - level)
-    sliding = np.flatnonzero(smooth[after_ring:following] < highest)
+    highest = level + _SLIDING * (smoothed_force[next_release] - level)
+    sliding = np.flatnonzero(smoothed_force[after_ring:next_release] < highest)
     last = 0
     if sliding.size:
         last = int(sliding[-1])
     return after_ring + max(0, last - round(_LEAD * rate))
 
 
-def _find_releases(force: Array, rate: float, count: int) -> list[int]:
+def _find_releases(force: Array, rate: float, release_count: int) -> list[int]:
     """Return the samples at which the tangential force [N] falls most."""
     from scipy.signal import find_peaks
 
     width = max(round(_FALL * rate), 2)
-    smooth = _smooth(force)
+    smooth = _smooth_force(force)
     fall = np.maximum(smooth[:-width] - smooth[width:], 0.0)
     distance = max(round(_LEAST_DISTANCE * rate), 1)
     peaks, properties = find_peaks(fall, distance=distance, prominence=0.0)
     order = np.argsort(-properties["prominences"], kind="stable")
     heights = fall[peaks[order]]
-    is_ambiguous = peaks.size > count and heights[count - 1] < _CLEAR * heights[count]
-    if peaks.size < count or is_ambiguous:
+    is_ambiguous = (
+        peaks.size > release_count and heights[release_count - 1] < _CLEAR * heights[release_count]
+    )
+    if peaks.size < release_count or is_ambiguous:
         raise BenchError(
-            f"`acquisition.split` must find one drag for each of the {count} trials of the table, "
-            f"the record shows {_count_clear_falls(heights)} releases that stand out"
+            f"`acquisition.split` must find one drag for each of the {release_count} trials of the "
+            f"table, "
+            f"the record shows {_count_outstanding_falls(heights)} releases that stand out"
         )
-    return sorted(peaks[order[:count]].tolist())
+    return sorted(peaks[order[:release_count]].tolist())
 
 
-def _count_clear_falls(heights: Array) -> int:
-    """Return how many falls stand out, by the largest ratio of neighbours in `heights` [N]."""
-    if heights.size < 2:
-        return heights.size
-    ratios = heights[:-1] / np.maximum(heights[1:], _LEAST_FALL)
+def _count_outstanding_falls(fall_heights: Array) -> int:
+    """Return how many falls stand out, by the largest ratio of neighbours in `fall_heights` [N]."""
+    if fall_heights.size < 2:
+        return fall_heights.size
+    ratios = fall_heights[:-1] / np.maximum(fall_heights[1:], _LEAST_FALL)
     return int(np.argmax(ratios)) + 1
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stepblocks.bench.faults import FaultKind, TraceError
-from stepblocks.bench.signal import join_first_eight, refuse_oversized_channel
+from stepblocks.bench.signal import format_first_eight_names, refuse_oversized_channel
 from stepblocks.bench.traces.reader import TextLayout, TraceReader, TrialPlace
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ class TdmsReader(TraceReader["TdmsFile", "TdmsGroup"]):
 
     def read_column(self, group: "TdmsGroup", name: str | int) -> ArrayLike:
         """Read one channel."""
-        channel = _find_channel(group, name)
+        channel = _get_tdms_channel(group, name)
         refuse_oversized_channel(len(channel), name)
         try:
             return np.asarray(channel[:])
@@ -69,14 +69,14 @@ class TdmsReader(TraceReader["TdmsFile", "TdmsGroup"]):
         return properties
 
 
-def _find_channel(group: "TdmsGroup", name: str | int) -> "TdmsChannel":
+def _get_tdms_channel(group: "TdmsGroup", name: str | int) -> "TdmsChannel":
     """Return the channel of a group by its name or index."""
     try:
         if isinstance(name, int):
             return group.channels()[name]
         return group[name]
     except (KeyError, IndexError):
-        known = join_first_eight(channel.name for channel in group.channels())
+        known = format_first_eight_names(channel.name for channel in group.channels())
         raise TraceError(
             FaultKind.UNKNOWN_CHANNEL,
             f"no {name!r} in group {group.name!r}, it has {known}",

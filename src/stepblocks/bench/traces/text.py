@@ -7,7 +7,7 @@ from pathlib import Path
 from numpy.typing import ArrayLike
 
 from stepblocks.bench.faults import FaultKind, TraceError
-from stepblocks.bench.signal import join_first_eight
+from stepblocks.bench.signal import format_first_eight_names
 from stepblocks.bench.traces.reader import TextLayout, TraceReader, TrialPlace
 from stepblocks.errors import BenchError
 from stepblocks.files.layout import TableLayout
@@ -42,7 +42,7 @@ class TextReader(TraceReader[TextTable, TextTable]):
             names = group.names or tuple(map(str, range(group.column_count)))
             raise TraceError(
                 FaultKind.UNKNOWN_CHANNEL,
-                f"{file} has no {name!r}, it has {join_first_eight(names)}",
+                f"{file} has no {name!r}, it has {format_first_eight_names(names)}",
             )
         try:
             return group.read_numbers(index).values

@@ -96,7 +96,7 @@ class CentrePath:
             slope = np.where(is_asked, slope, -np.inf)
         piece = int(np.argmax(slope))
         knot = piece + first_knot
-        angle = _find_catch_angle(float(slope[piece]))
+        angle = _convert_slope_to_critical_angle(float(slope[piece]))
         return Notch(float(self.x[knot]), float(self.z[knot]), angle)
 
     def scaled(self, scale: float) -> "CentrePath":
@@ -110,7 +110,7 @@ class CentrePath:
         return CentrePath(x, z, self.slope_start, self.slope_end, feature=feature)
 
 
-def _find_catch_angle(slope: float) -> float:
+def _convert_slope_to_critical_angle(slope: float) -> float:
     """Convert a slope to a critical angle [rad]; 0 where it is too small to catch."""
     if slope >= STEEPEST:
         return 0.5 * math.pi
@@ -120,7 +120,7 @@ def _find_catch_angle(slope: float) -> float:
     return 0.0
 
 
-def find_outline(points: ArrayLike) -> tuple[list[Disc], list[Line]]:
+def build_outline(points: ArrayLike) -> tuple[list[Disc], list[Line]]:
     """Discs at the corners and lines between them, of a profile of shape (n, 2) [m].
 
     Equal x make a vertical wall.
@@ -153,29 +153,29 @@ def build_envelope_path(discs: list[Disc], lines: list[Line], ball_radius: float
     """Upper envelope of circles grown by the ball and of lines lifted by it."""
     start, end = lines[0].start[0], lines[-1].end[0]
     shapes = _Shapes(discs, lines, ball_radius)
-    places = np.concatenate([[start, end], shapes.compute_knots()])
+    places = np.concatenate([[start, end], shapes.compute_knot_positions()])
     knots = np.unique(np.clip(places, start, end))
     for _ in range(_PASSES):
-        refined = _add_crossings(shapes, knots)
+        refined = _add_crossing_knots(shapes, knots)
         if len(refined) == len(knots):
             break
         knots = refined
-    heights = shapes.compute_heights(shapes.find_top(knots), knots)
-    top_of_piece = shapes.find_top(_find_middles(knots))
+    heights = shapes.compute_heights(shapes.find_highest_shapes(knots), knots)
+    top_of_piece = shapes.find_highest_shapes(_compute_middles(knots))
     slope_start = shapes.compute_slopes(top_of_piece, knots[:-1])
     slope_end = shapes.compute_slopes(top_of_piece, knots[1:])
     return CentrePath(knots, heights, slope_start, slope_end)
 
 
-def _find_middles(knots: Array) -> Array:
+def _compute_middles(knots: Array) -> Array:
     """Find the middle between neighbouring knots [m], shape (n - 1,)."""
     return np.asarray(0.5 * (knots[1:] + knots[:-1]))
 
 
-def _add_crossings(shapes: "_Shapes", knots: Array) -> Array:
+def _add_crossing_knots(shapes: "_Shapes", knots: Array) -> Array:
     """Add the crossings between neighbouring pieces whose highest shapes differ."""
-    middle = _find_middles(knots)
-    top = shapes.find_top(middle)
+    middle = _compute_middles(knots)
+    top = shapes.find_highest_shapes(middle)
     changes_to_next = top[1:] != top[:-1]
     crossings = []
     for piece in np.flatnonzero(changes_to_next).tolist():
@@ -205,13 +205,13 @@ class _Shapes:
         self.circles = len(discs)
         rows = []
         for disc in discs:
-            rows.append(_grow_disc(disc, ball_radius))
+            rows.append(_grow_disc_by_ball(disc, ball_radius))
         for line in lines:
-            rows.append(_lift_line(line, ball_radius))
+            rows.append(_lift_line_by_ball(line, ball_radius))
         columns = np.array(rows).T
         self.x, self.z, self.radius, self.slope, self.begin, self.end = columns
 
-    def compute_knots(self) -> Array:
+    def compute_knot_positions(self) -> Array:
         """Return x of knots on every circle, and at both ends of every line, in no order [m]."""
         wanted = math.ceil(math.pi / _ANGLE_STEP)
         affordable = _MOST_KNOTS // max(self.circles, 1)
@@ -224,21 +224,23 @@ class _Shapes:
         lines = slice(self.circles, None)
         return np.concatenate([on_circles, self.begin[lines], self.end[lines]])
 
-    def compute_heights(self, index: NDArray[np.int64], x: Array | float) -> Array:
+    def compute_heights(self, shape_indices: NDArray[np.int64], x: Array | float) -> Array:
         """Heights of shapes, by number, at their places [m]; minus infinity beyond their ends."""
-        run = x - self.x[index]
-        square = self.radius[index] ** 2 - run**2  # of the height over the middle of a circle
+        run = x - self.x[shape_indices]
+        square = (
+            self.radius[shape_indices] ** 2 - run**2
+        )  # of the height over the middle of a circle
         arc = np.sqrt(np.maximum(square, 0.0))
-        climb = self.slope[index] * run
-        height = self.z[index] + climb + arc
-        is_behind_begin = x >= self.begin[index] - _CLOSE
-        is_before_end = x <= self.end[index] + _CLOSE
-        is_line = index >= self.circles
+        climb = self.slope[shape_indices] * run
+        height = self.z[shape_indices] + climb + arc
+        is_behind_begin = x >= self.begin[shape_indices] - _CLOSE
+        is_before_end = x <= self.end[shape_indices] + _CLOSE
+        is_line = shape_indices >= self.circles
         is_on_shape = (square >= 0.0) | is_line
         is_there = is_behind_begin & is_before_end & is_on_shape
         return np.where(is_there, height, -np.inf)
 
-    def find_top(self, x: Array) -> NDArray[np.int64]:
+    def find_highest_shapes(self, x: Array) -> NDArray[np.int64]:
         """Find the highest shape at each place, part by part: few shapes lie in each."""
         parts = max(1, len(x) * len(self.x) // _AT_ONCE)
         highest = []
@@ -250,13 +252,13 @@ class _Shapes:
             highest.append(near[heights.argmax(axis=0)])
         return np.concatenate(highest)
 
-    def find_crossing(self, pair: NDArray[np.int64], low: float, high: float) -> float:
+    def find_crossing(self, shape_pair: NDArray[np.int64], low: float, high: float) -> float:
         """Find where two shapes cross between two places [m]; the lower place if they do not."""
         from scipy.optimize import brentq
 
         def compute_difference(x: float) -> float:
             """Return the height of the first shape over the second at a place [m]."""
-            first, second = self.compute_heights(pair, x).tolist()
+            first, second = self.compute_heights(shape_pair, x).tolist()
             if math.isinf(first) or math.isinf(second):
                 return math.copysign(1.0, first)
             return float(first - second)
@@ -265,17 +267,17 @@ class _Shapes:
             return low
         return float(brentq(compute_difference, low, high, xtol=1e-16, rtol=8.9e-16))
 
-    def compute_slopes(self, index: NDArray[np.int64], x: Array) -> Array:
+    def compute_slopes(self, shape_indices: NDArray[np.int64], x: Array) -> Array:
         """Slopes of shapes, by number, at their places [1]."""
-        run = self.x[index] - x
-        square = self.radius[index] ** 2 - run**2
+        run = self.x[shape_indices] - x
+        square = self.radius[shape_indices] ** 2 - run**2
         arc = np.sqrt(np.maximum(square, _CLOSE**2))
         on_circle = np.clip(run / arc, -STEEPEST, STEEPEST)
-        is_circle = index < self.circles
-        return np.asarray(np.where(is_circle, on_circle, self.slope[index]))
+        is_circle = shape_indices < self.circles
+        return np.asarray(np.where(is_circle, on_circle, self.slope[shape_indices]))
 
 
-def _grow_disc(disc: Disc, ball_radius: float) -> _Row:
+def _grow_disc_by_ball(disc: Disc, ball_radius: float) -> _Row:
     """Grow a disc by the ball."""
     radius = disc.radius + ball_radius
     begin = disc.x - disc.radius - ball_radius
@@ -283,7 +285,7 @@ def _grow_disc(disc: Disc, ball_radius: float) -> _Row:
     return _Row(disc.x, disc.z, radius, slope=0.0, begin=begin, end=end)
 
 
-def _lift_line(line: Line, ball_radius: float) -> _Row:
+def _lift_line_by_ball(line: Line, ball_radius: float) -> _Row:
     """Lift a line by the ball along its normal."""
     (x0, z0), (x1, z1) = line
     slope = (z1 - z0) / (x1 - x0)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stepblocks.contact import Array
-from stepblocks.contact.domain import require_points, require_positive
+from stepblocks.contact.domain import require_positive, require_profile_points
 from stepblocks.contact.path import profile_kernels as kernels
 from stepblocks.errors import ContactError
 
@@ -61,11 +61,11 @@ def build_profile_path(
     """
     # exact dilation, h(x) = max_u z(u) - t(u - x), at positions that must increase
     require_positive("ball radius", ball_radius, "m")
-    xs, zs = _convert_profile(x, z)
-    measured = _list_elements(xs, zs, ball_radius)
+    xs, zs = _convert_profile_to_arrays(x, z)
+    measured = _build_elements(xs, zs, ball_radius)
     elements = _add_level_ends(measured, xs, zs, ball_radius)
     if positions is None:
-        positions = _choose_positions(xs, ball_radius)
+        positions = _choose_tip_positions(xs, ball_radius)
     height, contact, element = kernels.dilate_profile(positions, elements, ball_radius)
     slope = kernels.compute_path_slopes(positions, contact, element, ball_radius)
     return TipPath(positions, height, contact, slope, element, elements, ball_radius)
@@ -82,7 +82,7 @@ def _add_level_ends(elements: Array, x: Array, z: Array, ball_radius: float) -> 
     return np.vstack([before, elements, behind])
 
 
-def _list_elements(x: Array, z: Array, radius: float) -> Array:
+def _build_elements(x: Array, z: Array, ball_radius: float) -> Array:
     """List segments of a profile with the offset at which the ball is as steep as each [m].
 
     The shape is (m, 5); a measured point without a measured neighbour is a segment of no length.
@@ -102,15 +102,15 @@ def _list_elements(x: Array, z: Array, radius: float) -> Array:
     rise = z1 - z0
     length = np.hypot(x1 - x0, rise)
     offset = np.zeros_like(length)
-    np.divide(radius * rise, length, out=offset, where=length > 0.0)
+    np.divide(ball_radius * rise, length, out=offset, where=length > 0.0)
     elements = np.column_stack([x0, z0, x1, z1, offset])
     return np.ascontiguousarray(elements)
 
 
-def _convert_profile(x: ArrayLike, z: ArrayLike) -> tuple[Array, Array]:
+def _convert_profile_to_arrays(x: ArrayLike, z: ArrayLike) -> tuple[Array, Array]:
     """Convert positions and heights [m] to arrays; refuse those that have no path."""
     xs, zs = np.asarray(x, dtype=np.float64), np.asarray(z, dtype=np.float64)
-    require_points(xs, zs)
+    require_profile_points(xs, zs)
     if not np.isfinite(xs).all():
         raise ContactError("profile positions must be finite, got a NaN or an infinity")
     if np.isinf(zs).any():
@@ -120,7 +120,7 @@ def _convert_profile(x: ArrayLike, z: ArrayLike) -> tuple[Array, Array]:
     return xs, zs
 
 
-def _choose_positions(x: Array, ball_radius: float) -> Array:
+def _choose_tip_positions(x: Array, ball_radius: float) -> Array:
     """Choose positions of the tip [m]: every point, and so many between that none is far."""
     # a ball meets the first point from a radius away
     begin, end = x[0] - ball_radius, x[-1] + ball_radius
@@ -152,14 +152,14 @@ class Catch(NamedTuple):
     angle: float
 
 
-def find_steepest_catch(path: TipPath, within: tuple[float, float] | None = None) -> Catch:
+def find_steepest_catch(path: TipPath, contact_range: tuple[float, float] | None = None) -> Catch:
     """Find the steepest rise of a path towards growing x, exact whatever its positions.
 
-    `within` holds the search to a range of the positions that the tip touches [m].
+    `contact_range` holds the search to a range of the positions that the tip touches [m].
     """
     least = -math.inf
-    if within is None:
-        least = _bound_steepest_slope(path)
+    if contact_range is None:
+        least = _compute_lower_bound_of_steepest_slope(path)
     # steepest rise between neighbouring positions, its place, and the contact there, (n - 1, 3)
     steepest = kernels.find_steepest_in_intervals(
         path.position,
@@ -173,8 +173,8 @@ def find_steepest_catch(path: TipPath, within: tuple[float, float] | None = None
     )
     if np.isnan(steepest[:, 0]).all():
         raise ContactError("path has no two neighbouring positions with a surface under the tip")
-    if within is not None:
-        first, last = within
+    if contact_range is not None:
+        first, last = contact_range
         touched = steepest[:, 2]
         is_inside = (touched >= first) & (touched <= last)
         if not is_inside.any():
@@ -184,7 +184,7 @@ def find_steepest_catch(path: TipPath, within: tuple[float, float] | None = None
     return Catch(position, contact, math.atan(max(slope, 0.0)))
 
 
-def _bound_steepest_slope(path: TipPath) -> float:
+def _compute_lower_bound_of_steepest_slope(path: TipPath) -> float:
     """Find a lower bound of the steepest slope [1]: only steeper intervals count.
 
     The mean slope of an interval is never more than its greatest; a little less guards against

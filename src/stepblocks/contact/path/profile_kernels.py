@@ -115,24 +115,28 @@ def dilate_profile(
 
 
 @njit(cache=True)
-def _compute_slope(x: float, u: float, radius: float) -> float:
-    """Return the slope of the path just ahead of the ball at `x` that touches at `u` [1]."""
-    ahead = u - x
+def _compute_slope_ahead(tip_position: float, contact_position: float, radius: float) -> float:
+    """Return the slope of the path just ahead of a ball, from where it touches [1]."""
+    ahead = contact_position - tip_position
     if abs(ahead) >= radius:
         return math.copysign(np.inf, ahead)
     return ahead / math.sqrt((radius - ahead) * (radius + ahead))
 
 
 @njit(cache=True)
-def compute_path_slopes(positions: Array, contact: Array, touched: Array, radius: float) -> Array:
+def compute_path_slopes(
+    positions: Array, contact_positions: Array, touched_elements: Array, radius: float
+) -> Array:
     """Return the slope of the path at each position, from the contact found there [1].
 
     NaN where nothing is touched.
     """
     slopes = np.full(positions.size, np.nan)
     for number in range(positions.size):
-        if touched[number] >= 0:
-            slopes[number] = _compute_slope(positions[number], contact[number], radius)
+        if touched_elements[number] >= 0:
+            slopes[number] = _compute_slope_ahead(
+                positions[number], contact_positions[number], radius
+            )
     return slopes
 
 
@@ -177,7 +181,7 @@ def _find_steepest_between(
             continue
         h, u, element = find_best_contact(middle, left, right, elements, radius)
         if element >= 0:
-            slope = _compute_slope(middle, u, radius)
+            slope = _compute_slope_ahead(middle, u, radius)
             # right brackets come first, so that among equals the leftmost stays: the break itself
             if slope >= best - _compute_rounding_allowance(best):
                 best, where, contact = max(slope, best), middle, u
@@ -213,7 +217,7 @@ def find_steepest_in_intervals(
             continue
         slope, where, u = slopes[left], positions[left], contact[left]
         # the contact of the right end, seen from the left end, is steeper than all between
-        bound = _compute_slope(positions[left], contact[right], radius)
+        bound = _compute_slope_ahead(positions[left], contact[right], radius)
         if touched[left] != touched[right] and not bound <= floor:
             ends = (positions[left], height[left], positions[right], height[right])
             touched_at_ends = (touched[left], touched[right])

@@ -56,20 +56,20 @@ class Kink(NamedTuple):
 
 
 @njit
-def find_piece(path: Path, x: float, number: int) -> Piece:
-    """Find the piece of the path at `x`, searching from the piece `number`."""
+def find_piece(path: Path, x: float, first_guess: int) -> Piece:
+    """Find the piece of the path at `x`, searching from the piece `first_guess`."""
     knots, cubics = path.knots, path.cubics
     last = knots.size - 2
-    while number < last and x >= knots[number + 1]:
-        number += 1
-    while number > 0 and x < knots[number]:
-        number -= 1
+    while first_guess < last and x >= knots[first_guess + 1]:
+        first_guess += 1
+    while first_guess > 0 and x < knots[first_guess]:
+        first_guess -= 1
     left, right = -np.inf, np.inf
-    if number > 0:
-        left = knots[number]
-    if number < last:
-        right = knots[number + 1]
-    return Piece(number, left, right, knots[number], _read_cubic(cubics[number]))
+    if first_guess > 0:
+        left = knots[first_guess]
+    if first_guess < last:
+        right = knots[first_guess + 1]
+    return Piece(first_guess, left, right, knots[first_guess], _read_cubic(cubics[first_guess]))
 
 
 @njit(forceinline=True)
@@ -93,9 +93,9 @@ def find_nearest_kink(path: Path, x: float, number: int) -> Kink:
         none = Cubic(0.0, 0.0, 0.0, 0.0)
         return Kink(0, np.inf, -np.inf, np.inf, none, none)
     last = kinks.size - 1
-    while number < last and _is_nearer(path, number + 1, number, x):
+    while number < last and _is_kink_nearer(path, number + 1, number, x):
         number += 1
-    while number > 0 and _is_nearer(path, number - 1, number, x):
+    while number > 0 and _is_kink_nearer(path, number - 1, number, x):
         number -= 1
     x_before, x_after = -np.inf, np.inf
     if number > 0:
@@ -108,20 +108,22 @@ def find_nearest_kink(path: Path, x: float, number: int) -> Kink:
 
 
 @njit(forceinline=True)
-def _is_nearer(path: Path, number: int, reference: int, x: float) -> bool:
+def _is_kink_nearer(path: Path, kink_number: int, reference_number: int, x: float) -> bool:
     """Whether a kink is nearer to `x` than the kink of reference, both by their numbers."""
-    distance = abs(path.knots[path.kinks[number]] - x)
-    return distance < abs(path.knots[path.kinks[reference]] - x)
+    distance = abs(path.knots[path.kinks[kink_number]] - x)
+    return distance < abs(path.knots[path.kinks[reference_number]] - x)
 
 
 @njit(forceinline=True)
-def touch_piece(piece: Piece, contact: NormalContact, tip: Motion, speed: Motion) -> Touch:
+def compute_piece_contact(
+    piece: Piece, contact: NormalContact, tip: Motion, speed: Motion
+) -> Touch:
     """Find the contact with the piece of the path under the tip."""
-    return _touch_cubic(piece.cubic, tip.x - piece.origin, contact, tip, speed)
+    return _compute_cubic_contact(piece.cubic, tip.x - piece.origin, contact, tip, speed)
 
 
 @njit(forceinline=True)
-def touch_beyond_kink(
+def compute_contact_beyond_kink(
     kink: Kink, window: float, contact: NormalContact, tip: Motion, speed: Motion
 ) -> Touch:
     """Find the contact with the branch on the other side of the nearest kink.
@@ -133,28 +135,28 @@ def touch_beyond_kink(
         branch = kink.right
         if distance >= 0.0:
             branch = kink.left
-        touch = _touch_cubic(branch, distance, contact, tip, speed)
+        touch = _compute_cubic_contact(branch, distance, contact, tip, speed)
         if touch.overlap > 0.0:
             return touch
     return Touch(0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @njit(forceinline=True)
-def _touch_cubic(
-    cubic: Cubic, along: float, contact: NormalContact, tip: Motion, speed: Motion
+def _compute_cubic_contact(
+    cubic: Cubic, distance: float, contact: NormalContact, tip: Motion, speed: Motion
 ) -> Touch:
-    """Find the contact with a cubic at a distance `along` from its origin [m]."""
-    bent = cubic.slope + along * (cubic.square + along * cubic.cube)
-    overlap = cubic.height + along * bent - tip.y
-    slope = cubic.slope + along * (2.0 * cubic.square + 3.0 * along * cubic.cube)
+    """Find the contact with a cubic at a `distance` from its origin [m]."""
+    bent = cubic.slope + distance * (cubic.square + distance * cubic.cube)
+    overlap = cubic.height + distance * bent - tip.y
+    slope = cubic.slope + distance * (2.0 * cubic.square + 3.0 * distance * cubic.cube)
     if overlap > 0.0:
-        curvature = 2.0 * cubic.square + 6.0 * along * cubic.cube
-        return press_contact(contact, overlap, slope, curvature, speed)
+        curvature = 2.0 * cubic.square + 6.0 * distance * cubic.cube
+        return compute_contact_force(contact, overlap, slope, curvature, speed)
     return Touch(overlap, slope, 1.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @njit(forceinline=True)
-def press_contact(
+def compute_contact_force(
     contact: NormalContact, overlap: float, slope: float, curvature: float, speed: Motion
 ) -> Touch:
     """Compute the force of a contact with an `overlap` > 0 of path and tip [m].

@@ -48,25 +48,27 @@ class Peak(NamedTuple):
 
 
 @njit
-def read_place(places: Places, number: int) -> Place:
+def read_place(places: Places, place_number: int) -> Place:
     """Read a place by its number."""
     count = places.last.size
     last_before = -np.inf
-    if number > 0:
-        last_before = places.last[number - 1]
-    if number == count:
-        return Place(number, False, np.inf, np.inf, np.inf, False, np.inf, last_before, np.inf)
+    if place_number > 0:
+        last_before = places.last[place_number - 1]
+    if place_number == count:
+        return Place(
+            place_number, False, np.inf, np.inf, np.inf, False, np.inf, last_before, np.inf
+        )
     start_after = np.inf
-    if number + 1 < count:
-        start_after = places.start[number + 1]
+    if place_number + 1 < count:
+        start_after = places.start[place_number + 1]
     return Place(
-        number,
+        place_number,
         True,
-        places.start[number],
-        places.last[number],
-        places.behind[number],
-        places.locks[number],
-        places.rises[number],
+        places.start[place_number],
+        places.last[place_number],
+        places.behind[place_number],
+        places.locks[place_number],
+        places.rises[place_number],
         last_before,
         start_after,
     )
@@ -89,7 +91,7 @@ def update_peak(peak: Peak, pull: float, time: float) -> Peak:
 
 
 @njit(forceinline=True)
-def reset_watch(watch: Watch) -> Watch:
+def make_reset_watch(watch: Watch) -> Watch:
     """Return a watch that has seen no pull; the moments stay until others are noted."""
     return Watch(
         is_behind=False,
@@ -177,7 +179,7 @@ def find_release_time(watch: Watch) -> float:
 def has_ended(
     stop: Stop,
     place: Place,
-    following_x: float,
+    next_x: float,
     pull: float,
     since_release: float,
     is_over: bool,
@@ -187,6 +189,6 @@ def has_ended(
     It does where the tip is locked, where its next position is off the path, after the last ring,
     and where the steps or the places themselves say that it `is_over`.
     """
-    leaves = following_x >= stop.right or following_x <= stop.left
+    leaves = next_x >= stop.right or next_x <= stop.left
     has_rung = not place.is_there and since_release > stop.ring_time
     return is_over or leaves or pull > stop.pull or has_rung

@@ -28,7 +28,7 @@ class Bristles(NamedTuple):
 
 
 @njit(forceinline=True)
-def move_tangential_spring(
+def compute_moved_spring_grip(
     bristle: float,
     travel: float,
     speed: float,
@@ -78,7 +78,7 @@ def compute_coefficient(
 
 
 @njit
-def start_bristles(
+def make_starting_bristles(
     model: Model, law: FrictionLaw | None, touch: Touch, tip: Motion, speed: Motion
 ) -> Bristles:
     """Stretch bristles and wall as in steady sliding; where a force pulls they begin relaxed."""
@@ -102,7 +102,7 @@ def swap_bristles_at_kink(bristles: Bristles, was_right: bool, is_right: bool) -
 
 
 @njit(forceinline=True)
-def move_bristle(
+def compute_moved_bristle_grip(
     friction: Friction,
     law: FrictionLaw | None,
     touch: Touch,
@@ -119,7 +119,7 @@ def move_bristle(
     coefficient = compute_coefficient(friction, law, rate, touch.normal, tip.x, time)
     travel = rate * time_step
     limit = coefficient * touch.normal
-    return move_tangential_spring(
+    return compute_moved_spring_grip(
         bristle,
         travel,
         rate,
@@ -132,13 +132,13 @@ def move_bristle(
 
 
 @njit(forceinline=True)
-def move_wall_spring(wall: Wall, stretch: float, speed: float, time_step: float) -> Grip:
+def compute_moved_wall_grip(wall: Wall, stretch: float, speed: float, time_step: float) -> Grip:
     """Move the spring of the wall over a step; without a wall nothing rubs."""
     if not wall.is_there:
         return Grip(0.0, stretch)
     travel = speed * time_step
     give = 1.0 / wall.stiffness
-    return move_tangential_spring(
+    return compute_moved_spring_grip(
         stretch,
         travel,
         speed,
@@ -158,6 +158,6 @@ def compute_bristle_energy(friction: Friction, bristles: Bristles) -> float:
 
 
 @njit(forceinline=True)
-def compute_wall_change(wall: Wall, before: float, after: float) -> float:
+def compute_wall_energy_change(wall: Wall, stretch_before: float, stretch_after: float) -> float:
     """Return the energy that the wall's spring takes up from one stretch to another [J]."""
-    return 0.5 * wall.stiffness * (after * after - before * before)
+    return 0.5 * wall.stiffness * (stretch_after * stretch_after - stretch_before * stretch_before)

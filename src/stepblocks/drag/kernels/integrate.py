@@ -5,11 +5,11 @@ import numpy as np
 from stepblocks.compute.compiled import njit
 from stepblocks.contact import Array
 from stepblocks.drag.kernels.contact import (
+    compute_contact_beyond_kink,
+    compute_piece_contact,
     find_nearest_kink,
     find_piece,
     is_other_kink_nearer,
-    touch_beyond_kink,
-    touch_piece,
 )
 from stepblocks.drag.kernels.event import (
     Peak,
@@ -20,8 +20,8 @@ from stepblocks.drag.kernels.event import (
     has_ended,
     has_fallen_back,
     is_passed,
+    make_reset_watch,
     read_place,
-    reset_watch,
     update_peak,
     update_watch,
     write_passage_row,
@@ -30,18 +30,18 @@ from stepblocks.drag.kernels.friction import (
     Bristles,
     FrictionLaw,
     compute_bristle_energy,
-    compute_wall_change,
-    move_bristle,
-    move_wall_spring,
-    start_bristles,
+    compute_moved_bristle_grip,
+    compute_moved_wall_grip,
+    compute_wall_energy_change,
+    make_starting_bristles,
     swap_bristles_at_kink,
 )
 from stepblocks.drag.kernels.ledger import (
-    add_powers,
-    compute_powers,
+    add_powers_over_time,
+    compute_kick_powers,
     compute_stored_energies,
-    settle_ledger,
-    take_stored_from_losses,
+    subtract_stored_from_losses,
+    update_ledger_with_stored,
 )
 from stepblocks.drag.kernels.model import (
     COLUMNS,
@@ -54,20 +54,24 @@ from stepblocks.drag.kernels.model import (
     Start,
     Stop,
 )
-from stepblocks.drag.kernels.motion import Motion, average_velocities, move_by_velocity
+from stepblocks.drag.kernels.motion import Motion, average_velocities, compute_next_position
 from stepblocks.drag.kernels.spring import (
     DEFLECTION,
     FORCE,
     Forces,
-    accelerate,
     compute_carrier_force,
     compute_damper_force,
+    compute_kick_constants,
+    compute_kicked_velocities,
     compute_spring_force,
-    move_overtones,
-    prepare_kick,
-    start_overtones,
+    make_starting_overtones,
+    update_overtones,
 )
-from stepblocks.drag.kernels.surface import Surface, combine_contacts, compute_pressed_force
+from stepblocks.drag.kernels.surface import (
+    Surface,
+    combine_contact_forces,
+    compute_gauge_normal_force,
+)
 
 _MODES = len(COLUMNS)  # column of the first mode, where there are overtones
 
@@ -111,19 +115,19 @@ def integrate(
     dt = pace.time_step
     share_of_first_mode = model.spring.tool_stiffness / model.spring.stiffness
     # half a kick at the start, so that velocities live between the positions
-    kick = prepare_kick(model, 0.5 * dt)
-    full_kick = prepare_kick(model, dt)
+    kick = compute_kick_constants(model, 0.5 * dt)
+    full_kick = compute_kick_constants(model, dt)
     travel_time = 0.0
-    modes = start_overtones(model, overtones)
+    modes = make_starting_overtones(model, overtones)
     lag = modes[:, DEFLECTION].sum()  # of the tip behind the first mode
     lag_rate = 0.0
-    position = _place_at_start(model, start)
+    position = _compute_starting_position(model, start)
     velocity = Motion(model.handle.speed, 0.0, model.handle.speed, 0.0)
     piece = find_piece(path, start.x, 0)
     kink = find_nearest_kink(path, start.x, 0)
     is_right = start.x >= kink.x
-    under = touch_piece(piece, contact, position, velocity)
-    bristles = start_bristles(model, friction_law, under, position, velocity)
+    under = compute_piece_contact(piece, contact, position, velocity)
+    bristles = make_starting_bristles(model, friction_law, under, position, velocity)
     bristle_energy = 0.5 * friction.stiffness * bristles.under * bristles.under
     place = read_place(places, 0)
     released_time = np.inf
@@ -132,7 +136,7 @@ def integrate(
     ledger = Ledger(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     passages = allocate_passages(places)
     passed = 0
-    rows = _allocate_rows(pace, modes)
+    rows = _allocate_trace_rows(pace, modes)
     written = 0
     countdown = 0
     for step in range(pace.steps):
@@ -144,18 +148,18 @@ def integrate(
             kink = find_nearest_kink(path, position.x, kink.number)
         was_right = is_right
         is_right = position.x >= kink.x
-        under = touch_piece(piece, contact, position, velocity)
-        beyond = touch_beyond_kink(kink, model.window, contact, position, velocity)
+        under = compute_piece_contact(piece, contact, position, velocity)
+        beyond = compute_contact_beyond_kink(kink, model.window, contact, position, velocity)
         # ---- friction of both contacts, and of the wall
         bristles = swap_bristles_at_kink(bristles, was_right, is_right)
-        grip = move_bristle(
+        grip = compute_moved_bristle_grip(
             friction, friction_law, under, bristles.under, position, velocity, time, travel_time
         )
-        grip_beyond = move_bristle(
+        grip_beyond = compute_moved_bristle_grip(
             friction, friction_law, beyond, bristles.beyond, position, velocity, time, travel_time
         )
-        rub = move_wall_spring(wall, bristles.wall, velocity.x, travel_time)
-        surface = combine_contacts(under, beyond, grip, grip_beyond)
+        rub = compute_moved_wall_grip(wall, bristles.wall, velocity.x, travel_time)
+        surface = combine_contact_forces(under, beyond, grip, grip_beyond)
         # ---- spring: the kick that all forces give
         stretch = position.handle - position.x - lag
         spring = compute_spring_force(model.spring, stretch)
@@ -163,10 +167,10 @@ def integrate(
         force_x = surface.x + spring - rub.force
         forces = Forces(force_x, surface.y + hold, spring, hold)
         before = Motion(velocity.x + lag_rate, velocity.y, velocity.handle, velocity.carrier)
-        after = accelerate(model, kick, before, forces)
+        after = compute_kicked_velocities(model, kick, before, forces)
         mean = average_velocities(before, after)
         tug = compute_damper_force(model, before, mean)
-        ring = move_overtones(modes, spring - forces.x, kick.time, dt)
+        ring = update_overtones(modes, spring - forces.x, kick.time, dt)
         velocity = Motion(after.x - ring.rate, after.y, after.handle, after.carrier)
         tip_speed = mean.x - 0.5 * (ring.rate + lag_rate)
         lag_rate = ring.rate
@@ -177,7 +181,7 @@ def integrate(
         peak = update_peak(peak, gauge, time)
         if has_fallen_back(place, watch, position.x, stop.fall_back):
             place = find_place_ahead(places, place.number, position.x, stop.fall_back)
-            watch = reset_watch(watch)
+            watch = make_reset_watch(watch)
         watch = update_watch(place, watch, position.x, gauge, time)
         passes = is_passed(place, watch, position.x, gauge, model.sliding_pull)
         is_over = False
@@ -187,39 +191,43 @@ def integrate(
             is_over = place.locks or passed == passages.shape[0]
             released_time = find_release_time(watch)
             place = read_place(places, place.number + 1)
-            watch = reset_watch(watch)
+            watch = make_reset_watch(watch)
         following_x = position.x + dt * velocity.x
         is_over = is_over or step == pace.steps - 1
         ends = has_ended(stop, place, following_x, gauge, time - released_time, is_over)
         # ---- ledger: noted at the middle of a kick, where the last one ends
-        powers = compute_powers(
+        powers = compute_kick_powers(
             model, before, mean, tip_speed, tug, spring, surface, rub.force, ring.loss
         )
-        ledger = add_powers(ledger, powers, 0.5 * kick.time)
+        ledger = add_powers_over_time(ledger, powers, 0.5 * kick.time)
         stretched = Bristles(grip.stretch, grip_beyond.stretch, rub.stretch)
         energy_before = bristle_energy
         bristle_energy = compute_bristle_energy(friction, stretched)
-        wall_energy = compute_wall_change(wall, bristles.wall, rub.stretch)
-        ledger = take_stored_from_losses(ledger, bristle_energy - energy_before, wall_energy)
+        wall_energy = compute_wall_energy_change(wall, bristles.wall, rub.stretch)
+        ledger = subtract_stored_from_losses(ledger, bristle_energy - energy_before, wall_energy)
         bristles = stretched
         if step == 0 or ends or passes:
             stored = compute_stored_energies(
                 model, position, mean, stretch, under, beyond, bristle_energy, ring
             )
-            ledger = settle_ledger(ledger, stored, passages[passed - 1], step == 0, passes, ends)
+            ledger = update_ledger_with_stored(
+                ledger, stored, passages[passed - 1], step == 0, passes, ends
+            )
         # ---- row of the trace
         if countdown == 0 or ends:
             countdown = pace.steps_per_row
-            pressed = compute_pressed_force(model.carrier, surface, hold)
-            _write_row(rows[written], time, gauge, pressed, position, tip_speed, mean.y, surface)
-            _write_modes(rows[written], first_mode_force, modes)
+            pressed = compute_gauge_normal_force(model.carrier, surface, hold)
+            _write_trace_row(
+                rows[written], time, gauge, pressed, position, tip_speed, mean.y, surface
+            )
+            _write_mode_forces(rows[written], first_mode_force, modes)
             written += 1
         if ends:
             break
         countdown -= 1
         # ---- second half of the kick, and the drift
-        ledger = add_powers(ledger, powers, 0.5 * kick.time)
-        position = move_by_velocity(position, velocity, dt)
+        ledger = add_powers_over_time(ledger, powers, 0.5 * kick.time)
+        position = compute_next_position(position, velocity, dt)
         lag += dt * lag_rate
         kick = full_kick
         travel_time = dt
@@ -227,7 +235,7 @@ def integrate(
 
 
 @njit
-def _place_at_start(model: Model, start: Start) -> Motion:
+def _compute_starting_position(model: Model, start: Start) -> Motion:
     """Place tip, handle and carrier as in steady sliding, or at rest where a force pulls."""
     carrier = model.carrier
     handle_x = start.x
@@ -240,7 +248,7 @@ def _place_at_start(model: Model, start: Start) -> Motion:
 
 
 @njit
-def _allocate_rows(pace: Pace, modes: Array) -> Array:
+def _allocate_trace_rows(pace: Pace, modes: Array) -> Array:
     """Allocate the rows of a trace; with overtones the force of each mode has a column."""
     columns = len(COLUMNS)
     if modes.size > 0:
@@ -250,7 +258,7 @@ def _allocate_rows(pace: Pace, modes: Array) -> Array:
 
 
 @njit
-def _write_row(
+def _write_trace_row(
     row: Array,
     time: float,
     gauge: float,
@@ -274,7 +282,7 @@ def _write_row(
 
 
 @njit
-def _write_modes(row: Array, first_force: float, modes: Array) -> None:
+def _write_mode_forces(row: Array, first_force: float, modes: Array) -> None:
     """Write the force of each mode behind the columns of a row, where there are overtones."""
     if modes.size > 0:
         row[_MODES] = first_force

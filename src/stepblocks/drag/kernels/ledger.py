@@ -28,7 +28,7 @@ class Powers(NamedTuple):
 
 
 @njit(forceinline=True)
-def compute_powers(
+def compute_kick_powers(
     model: Model,
     before: Motion,
     mean: Motion,
@@ -51,7 +51,7 @@ def compute_powers(
     else:
         work = handle.pull * mean.handle
         damping_x = damping_x + handle.damping * before.handle * mean.handle
-    damping_y = _compute_damping_y(model, before, mean)
+    damping_y = _compute_lift_damping_power(model, before, mean)
     friction = surface.grip_x * tip_speed + surface.grip_y * mean.y
     rubbing = wall * tip_speed
     impact = surface.loss_x * tip_speed + surface.loss_y * mean.y
@@ -59,7 +59,7 @@ def compute_powers(
 
 
 @njit(forceinline=True)
-def _compute_damping_y(model: Model, before: Motion, mean: Motion) -> float:
+def _compute_lift_damping_power(model: Model, before: Motion, mean: Motion) -> float:
     """Return the power of the damper upwards [W]."""
     damping = model.carrier.damping
     if model.carrier.is_sprung:
@@ -68,7 +68,7 @@ def _compute_damping_y(model: Model, before: Motion, mean: Motion) -> float:
 
 
 @njit(forceinline=True)
-def add_powers(ledger: Ledger, powers: Powers, time: float) -> Ledger:
+def add_powers_over_time(ledger: Ledger, powers: Powers, time: float) -> Ledger:
     """Add what flows over a time [s]."""
     handle_work = ledger.handle_work + powers.work * time
     friction_loss = ledger.friction_loss - powers.friction * time
@@ -92,7 +92,7 @@ def add_powers(ledger: Ledger, powers: Powers, time: float) -> Ledger:
 
 
 @njit(forceinline=True)
-def take_stored_from_losses(ledger: Ledger, bristles: float, wall: float) -> Ledger:
+def subtract_stored_from_losses(ledger: Ledger, bristles: float, wall: float) -> Ledger:
     """Take from the losses what bristles and wall have stored over a step [J]."""
     bristle = ledger.bristle + wall
     friction_loss = ledger.friction_loss - bristles
@@ -168,7 +168,7 @@ def _add_ledgers(ledger: Ledger, stored: Ledger, factor: float) -> Ledger:
 
 
 @njit
-def settle_ledger(
+def update_ledger_with_stored(
     ledger: Ledger, stored: Ledger, passage: Array, is_first: bool, passes: bool, ends: bool
 ) -> Ledger:
     """Take what is stored off the ledger at the first step, and put it on at the end [J].

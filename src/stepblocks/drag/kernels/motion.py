@@ -15,7 +15,7 @@ class Motion(NamedTuple):
 
 
 @njit(forceinline=True)
-def move_by_velocity(position: Motion, velocity: Motion, time_step: float) -> Motion:
+def compute_next_position(position: Motion, velocity: Motion, time_step: float) -> Motion:
     """Move everything by its velocity over a step."""
     return Motion(
         position.x + time_step * velocity.x,

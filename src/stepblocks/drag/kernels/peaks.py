@@ -8,14 +8,14 @@ from stepblocks.contact import Array
 
 
 @njit(cache=True)
-def find_prominent_peaks(values: Array, least: float) -> NDArray[np.int64]:
+def find_prominent_peaks(values: Array, least_prominence: float) -> NDArray[np.int64]:
     """Find the maxima that are at least so high and so prominent.
 
     Parameters
     ----------
     values : array, shape (n,)
         The curve. Its ends are no maxima.
-    least : float
+    least_prominence : float
         Least height of a maximum, and least prominence: its height over the higher of the two
         lowest grounds that lie before anything higher on either side.
 
@@ -34,9 +34,12 @@ def find_prominent_peaks(values: Array, least: float) -> NDArray[np.int64]:
             last += 1
         height = values[first]
         falls = last < final and values[last + 1] < height
-        if values[first - 1] < height and falls and height >= least:
-            ground = max(_find_ground(values, first, -1), _find_ground(values, last, 1))
-            if height - ground >= least:
+        if values[first - 1] < height and falls and height >= least_prominence:
+            ground = max(
+                _find_lowest_before_higher(values, first, -1),
+                _find_lowest_before_higher(values, last, 1),
+            )
+            if height - ground >= least_prominence:
                 peaks[count] = (first + last) // 2
                 count += 1
         first = last + 1
@@ -44,7 +47,7 @@ def find_prominent_peaks(values: Array, least: float) -> NDArray[np.int64]:
 
 
 @njit(cache=True)
-def _find_ground(values: Array, peak: int, step: int) -> float:
+def _find_lowest_before_higher(values: Array, peak: int, step: int) -> float:
     """Find the lowest value from a peak on, by steps of 1 or -1, before anything higher."""
     ground = values[peak]
     place = peak

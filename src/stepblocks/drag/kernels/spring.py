@@ -44,7 +44,7 @@ class Ring(NamedTuple):
 
 
 @njit
-def prepare_kick(model: Model, time: float) -> Kick:
+def compute_kick_constants(model: Model, time: float) -> Kick:
     """Work out the constants of a kick over a time [s]."""
     mass = model.spring.mass
     slowing_x = 0.5 * model.spring.damping * time / mass
@@ -57,7 +57,7 @@ def prepare_kick(model: Model, time: float) -> Kick:
 
 
 @njit
-def start_overtones(model: Model, overtones: Array) -> Array:
+def make_starting_overtones(model: Model, overtones: Array) -> Array:
     """Deflect each overtone as in steady sliding, or leave it at rest where a force pulls.
 
     `overtones` has stiffness [N/m], mass [kg] and damper [N s/m] of each, shape (n, 3); the modes
@@ -85,7 +85,7 @@ def compute_carrier_force(carrier: Carrier, position: Motion) -> float:
 
 
 @njit(forceinline=True)
-def accelerate(model: Model, kick: Kick, velocity: Motion, forces: Forces) -> Motion:
+def compute_kicked_velocities(model: Model, kick: Kick, velocity: Motion, forces: Forces) -> Motion:
     """Change the velocities of first mode, tip, handle and carrier by the forces of a step."""
     spring, handle, carrier = model.spring, model.handle, model.carrier
     if handle.is_driven:
@@ -123,7 +123,7 @@ def compute_damper_force(model: Model, before: Motion, mean: Motion) -> float:
 
 
 @njit
-def move_overtones(modes: Array, push: float, kick_time: float, drift_time: float) -> Ring:
+def update_overtones(modes: Array, push: float, kick_time: float, drift_time: float) -> Ring:
     """Kick each overtone by the force that pushes the tip back [N], and let it drift.
 
     Stretch, rate and force of the modes, shape (n, 6), are replaced.

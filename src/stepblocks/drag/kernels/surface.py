@@ -22,25 +22,25 @@ class Surface(NamedTuple):
 
 
 @njit(forceinline=True)
-def combine_contacts(under: Touch, beyond: Touch, hold: Grip, hold_beyond: Grip) -> Surface:
+def combine_contact_forces(under: Touch, beyond: Touch, grip: Grip, grip_beyond: Grip) -> Surface:
     """Add the contact under the tip and the one beyond the kink."""
     loss_x_under = -under.loss * under.slope * under.cosine
     loss_x_beyond = beyond.loss * beyond.slope * beyond.cosine
     loss_x = loss_x_under - loss_x_beyond
     loss_y = under.loss * under.cosine + beyond.loss * beyond.cosine
-    grip_x = -hold.force * under.cosine - hold_beyond.force * beyond.cosine
-    grip_y_under = -hold.force * under.slope * under.cosine
-    grip_y_beyond = hold_beyond.force * beyond.slope * beyond.cosine
+    grip_x = -grip.force * under.cosine - grip_beyond.force * beyond.cosine
+    grip_y_under = -grip.force * under.slope * under.cosine
+    grip_y_beyond = grip_beyond.force * beyond.slope * beyond.cosine
     grip_y = grip_y_under - grip_y_beyond
     x = under.x + beyond.x + loss_x + grip_x
     y = under.y + beyond.y + loss_y + grip_y
     normal = under.normal + beyond.normal
-    friction = hold.force + hold_beyond.force
+    friction = grip.force + grip_beyond.force
     return Surface(x, y, loss_x, loss_y, grip_x, grip_y, normal, friction)
 
 
 @njit(forceinline=True)
-def compute_pressed_force(carrier: Carrier, surface: Surface, hold: float) -> float:
+def compute_gauge_normal_force(carrier: Carrier, surface: Surface, hold: float) -> float:
     """Compute the normal force that a gauge reads [N]: of carrier or surface."""
     if carrier.is_sprung:
         return -hold

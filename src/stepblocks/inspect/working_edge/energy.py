@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from stepblocks.contact.counterface import Counterface, Step, find_scanned_angle
+from stepblocks.contact.counterface import Counterface, Step, find_critical_angle_of_scan
 from stepblocks.contact.energy import Release, Status, find_release
 from stepblocks.contact.energy_change import find_energy_change
 from stepblocks.contact.operating_point import OperatingPoint
@@ -181,7 +181,7 @@ def _compute_release_of_scanned_surface(
     surface = result.evaluation.surface
     if surface is None:
         return None
-    angle = find_scanned_angle(surface.position, surface.height, point.ball_radius)
+    angle = find_critical_angle_of_scan(surface.position, surface.height, point.ball_radius)
     if angle is None:
         return None
     release = find_release(angle, point.normal_load, point.friction, point.tool)

@@ -10,7 +10,7 @@ from stepblocks.contact import Array
 from stepblocks.contact.counterface import Counterface
 from stepblocks.contact.domain import Real
 from stepblocks.contact.operating_point import OperatingPoint
-from stepblocks.contact.uncertainty import compute_deviated_releases, draw_standard_normal
+from stepblocks.contact.uncertainty import compute_deviated_releases, draw_standard_normal_inputs
 from stepblocks.errors import ContactError
 from stepblocks.parts.conditions import PredictionGrid
 from stepblocks.parts.kind import Part
@@ -82,7 +82,7 @@ def sample_block_energies(
     """
     tip = make_tip_dimension(grid, point.ball_radius)
     widths = collect_standard_uncertainties(blocks[0].part, grid, tip, point.normal_load)
-    normal = draw_standard_normal(len(_SETTING), DRAWS, _SEED)
+    normal = draw_standard_normal_inputs(len(_SETTING), DRAWS, _SEED)
     setting: dict[str, Real] = {}
     for name, numbers in zip(_SETTING, normal, strict=True):
         if widths[name] > 0.0:

@@ -10,7 +10,7 @@ import numpy as np
 
 from stepblocks.contact.laws import build_laws
 from stepblocks.contact.operating_point import PAPER, Tool
-from stepblocks.contact.uncertainty import convert_half_widths
+from stepblocks.contact.uncertainty import convert_half_widths_to_stds
 from stepblocks.declaration.read import load_set
 from stepblocks.errors import PipelineError, QuantityError
 from stepblocks.files.text import read_document
@@ -183,7 +183,7 @@ class _PlanReader:
     def _read_setting_tolerances(self, grid: PredictionGrid) -> None:
         """Take the tolerances of the setting: some are widths, some shares of the value."""
         half_widths = {name: width for name, width in grid.tolerances if width > 0.0}
-        self.shares = convert_half_widths(half_widths)
+        self.shares = convert_half_widths_to_stds(half_widths)
         for name in ("tip_radius", "friction", "frequency"):
             if name in self.shares:
                 self.spreads[name] = self.shares.pop(name)
@@ -468,7 +468,7 @@ def _make_sweep_stimulus(
     return SweepStimulus(
         id=part.id,
         values=values,
-        spreads=convert_half_widths(half_widths),
+        spreads=convert_half_widths_to_stds(half_widths),
         face=face,
         tissue=[tissue.stiffness, tissue.damping * tool.frequency, tissue.friction],
     )

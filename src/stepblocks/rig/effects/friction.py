@@ -24,26 +24,30 @@ _LEAST_FACTOR = 0.02  # on the coefficient, where a fit strays
 _RATIO_UNIT = 1e-3  # of the column of speed over load, mm/(N s) [m/(N s)]
 
 
-def _fall_with_load(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
+def _reduce_friction_with_load(
+    state: DragState, _: object, values: Mapping[str, float]
+) -> DragState:
     """Let friction follow a power of the load."""
     ratio = state.load / _LOAD
     factor = ratio ** -values["exponent"]
     return state.scaled(friction=factor)
 
 
-def _add_adhesion(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
+def _add_adhesion_friction(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
     """Let adhesion press the tip on: it adds a friction force that does not depend on the load."""
     load = np.maximum(state.load, _LEAST_LOAD)
     added = values["adhesion_n"] / load
     return state.shifted(friction=added)
 
 
-def _change_on_edge(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
+def _scale_friction_on_edge(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
     """Let friction on the edge differ by a factor from that on the faces."""
     return state.scaled(edge_factor=values["edge_over_face"])
 
 
-def _fall_with_speed(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
+def _reduce_friction_with_speed(
+    state: DragState, _: object, values: Mapping[str, float]
+) -> DragState:
     """Let friction fall from rest to sliding, after Stribeck."""
     falling = np.exp(-state.speed / values["stribeck_speed_m_per_s"])
     excess = values["excess"] * falling
@@ -51,7 +55,9 @@ def _fall_with_speed(state: DragState, _: object, values: Mapping[str, float]) -
     return state.scaled(friction=factor)
 
 
-def _follow_logarithm(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
+def _scale_friction_by_log_speed(
+    state: DragState, _: object, values: Mapping[str, float]
+) -> DragState:
     """Let friction follow the logarithm of the speed, as of dry contacts."""
     logarithm = np.log(state.speed / _SPEED)
     change = values["slope"] * logarithm
@@ -59,34 +65,40 @@ def _follow_logarithm(state: DragState, _: object, values: Mapping[str, float]) 
     return state.scaled(friction=factor)
 
 
-def _build_film(state: DragState, ratio: Floats, values: Mapping[str, float]) -> DragState:
+def _reduce_friction_by_film(
+    state: DragState, ratio_mm_per_n_s: Floats, values: Mapping[str, float]
+) -> DragState:
     """Let a film that speed builds and load presses out carry the tip [ratio in mm/(N s)]."""
-    speed_over_load = _RATIO_UNIT * ratio
+    speed_over_load = _RATIO_UNIT * ratio_mm_per_n_s
     falling = np.exp(-speed_over_load / values["number"])
     excess = values["excess"] * falling
     factor = 1.0 + excess
     return state.scaled(friction=factor)
 
 
-def _thin_film(state: DragState, ratio: Floats, values: Mapping[str, float]) -> DragState:
+def _scale_friction_by_speed_over_load(
+    state: DragState, ratio_mm_per_n_s: Floats, values: Mapping[str, float]
+) -> DragState:
     """Let friction follow a power of speed over load [ratio in mm/(N s)]."""
-    to_reference = 0.1 * ratio  # over 0.01 m/(N s)
+    to_reference = 0.1 * ratio_mm_per_n_s  # over 0.01 m/(N s)
     factor = to_reference ** -values["exponent"]
     return state.scaled(friction=factor)
 
 
-def _follow_previous_load(
-    state: DragState, before: Floats, values: Mapping[str, float]
+def _scale_friction_by_previous_load(
+    state: DragState, previous_load: Floats, values: Mapping[str, float]
 ) -> DragState:
-    """Let friction follow the load of the trial before, `before` [N]."""
-    ratio = before / _LOAD
+    """Let friction follow the load of the trial before [N]."""
+    ratio = previous_load / _LOAD
     factor = ratio ** values["exponent"]
     return state.scaled(friction=factor)
 
 
-def _let_friction_settle(state: DragState, order: Floats, values: Mapping[str, float]) -> DragState:
+def _let_friction_settle(
+    state: DragState, run_order: Floats, values: Mapping[str, float]
+) -> DragState:
     """Let friction begin with an excess that decays over a number of trials."""
-    fading = np.exp(-order / values["settling_trials"])
+    fading = np.exp(-run_order / values["settling_trials"])
     excess = values["excess"] * fading
     factor = np.maximum(1.0 + excess, _LEAST_FACTOR)
     return state.scaled(friction=factor)
@@ -96,21 +108,28 @@ def _make_settling_law(
     name: str,
     form: str,
     *,
-    trials: float,
-    least: float,
+    settling_trials: float,
+    least_settling_trials: float,
     covariate: str,
     description: str,
     how_to_decide: str,
 ) -> Law:
     """Make the law of friction that settles after a fresh contact, or after a rest.
 
-    It settles over so many `trials`, and over `least` at least.
+    It settles over so many `settling_trials`, and over `least_settling_trials` at least.
     """
     shapes = []
     for factor in (0.3, 0.8, 2.0, 8.0):
-        shapes.append({"settling_trials": trials * factor})
+        shapes.append({"settling_trials": settling_trials * factor})
     excess = Parameter("excess", "1", 0.0, -0.95, 20.0, 0.05)
-    duration = Parameter("settling_trials", "1", trials, least, 1000.0, 0.2 * trials)
+    duration = Parameter(
+        "settling_trials",
+        "1",
+        settling_trials,
+        least_settling_trials,
+        1000.0,
+        0.2 * settling_trials,
+    )
     return _friction(
         name,
         form,
@@ -128,7 +147,7 @@ FRICTION_LAWS: tuple[Law, ...] = (
         "load_dependent_friction",  # an elastic contact after Hertz has p = 1/3
         "mu (F_py / 0.6 N)^-p",
         (Parameter("exponent", "1", 0.0, -3.0, 3.0, 0.05),),
-        _fall_with_load,
+        _reduce_friction_with_load,
         covariate="load_n",
         description="friction falls with load: exponent",
     ),
@@ -136,7 +155,7 @@ FRICTION_LAWS: tuple[Law, ...] = (
         "adhesive_friction",
         "mu + A / F_py",
         (Parameter("adhesion_n", "N", 0.0, 0.0, 1.0, 3e-3),),
-        _add_adhesion,
+        _add_adhesion_friction,
         covariate="load_n",
         rank=1,
         description="adhesion adds to friction, whatever the load: a force of",
@@ -146,7 +165,7 @@ FRICTION_LAWS: tuple[Law, ...] = (
         "edge_friction",
         "e mu while the tip climbs, mu on the faces",
         (Parameter("edge_over_face", "1", 1.0, 0.1, 4.0, 0.03),),
-        _change_on_edge,
+        _scale_friction_on_edge,
         description="friction on the edge over that on the faces is",
         how_to_decide="turn the blocks round, and drag a block with a fresh edge",
     ),
@@ -157,14 +176,14 @@ FRICTION_LAWS: tuple[Law, ...] = (
             Parameter("excess", "1", 0.0, -0.95, 10.0, 0.05),
             Parameter("stribeck_speed_m_per_s", "m/s", 5e-3, 5e-4, 1e-1, 1e-3),
         ),
-        _fall_with_speed,
+        _reduce_friction_with_speed,
         shapes=tuple({"stribeck_speed_m_per_s": speed} for speed in (1.5e-3, 4e-3, 9e-3, 2.5e-2)),
     ),
     _by_speed(
         "stribeck_friction~logarithmic",
         "mu (1 + s ln(v / 6 mm/s))",
         (Parameter("slope", "1", 0.0, -2.0, 2.0, 0.03),),
-        _follow_logarithm,
+        _scale_friction_by_log_speed,
         rank=1,
         description="friction goes with the logarithm of speed: slope",
     ),
@@ -175,7 +194,7 @@ FRICTION_LAWS: tuple[Law, ...] = (
             Parameter("excess", "1", 0.0, -0.95, 10.0, 0.05),
             Parameter("number", "m/(N s)", 8e-3, 5e-4, 2e-1, 1e-3),
         ),
-        _build_film,
+        _reduce_friction_by_film,
         covariate=SPEED_OVER_LOAD,
         shapes=tuple({"number": number} for number in (3e-3, 8e-3, 2e-2, 5e-2)),
         description="friction follows speed over load: excess at rest {}, over a ratio of {}",
@@ -184,7 +203,7 @@ FRICTION_LAWS: tuple[Law, ...] = (
         "hersey_friction~power",
         "mu ((v / F_py) / 0.01 m/(N s))^-p",
         (Parameter("exponent", "1", 0.0, -2.0, 2.0, 0.03),),
-        _thin_film,
+        _scale_friction_by_speed_over_load,
         covariate=SPEED_OVER_LOAD,
         rank=1,
         description="friction follows speed over load: exponent",
@@ -193,7 +212,7 @@ FRICTION_LAWS: tuple[Law, ...] = (
         "carried_over",
         "mu (F_before / 0.6 N)^p",
         (Parameter("exponent", "1", 0.0, -2.0, 2.0, 0.03),),
-        _follow_previous_load,
+        _scale_friction_by_previous_load,
         covariate="previous_load_n",
         description="friction follows the load of the trial before: exponent",
         how_to_decide="repeat one trial after a light and after a heavy one",
@@ -201,8 +220,8 @@ FRICTION_LAWS: tuple[Law, ...] = (
     _make_settling_law(
         "running_in",
         "mu (1 + s exp(-n / n0))",
-        trials=50.0,
-        least=3.0,
+        settling_trials=50.0,
+        least_settling_trials=3.0,
         covariate="run_order",
         description="friction runs in: excess at first {}, trials to settle {}",
         how_to_decide="drag a fresh or cleaned block: friction begins high again",
@@ -210,8 +229,8 @@ FRICTION_LAWS: tuple[Law, ...] = (
     _make_settling_law(
         "rest",
         "mu (1 + s exp(-n / n0)), n trials since a rest",
-        trials=5.0,
-        least=0.5,
+        settling_trials=5.0,
+        least_settling_trials=0.5,
         covariate="trials_since_rest",
         description="friction differs after a rest: excess at first {}, trials to settle {}",
         how_to_decide="repeat one trial before and after a rest",

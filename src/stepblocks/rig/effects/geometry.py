@@ -6,27 +6,29 @@ from functools import partial
 import numpy as np
 
 from stepblocks.lawsearch.law import Law, Parameter
-from stepblocks.rig.state import DragState, Floats, Labels, indent_edge
+from stepblocks.rig.state import DragState, Floats, Labels, indent_contact
 
 _geometry = partial(Law, slot="contact_geometry")
 
 _HERTZ_POWER = 2.0 / 3.0  # of the load, which the depth of a ball on an edge follows
 
 
-def _round_edge(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
+def _add_edge_radius(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
     """Round every edge by a radius."""
     return state.shifted(radius=values["edge_radius_m"])
 
 
-def _wear_tip(state: DragState, order: Floats, values: Mapping[str, float]) -> DragState:
+def _add_tip_wear(state: DragState, run_order: Floats, values: Mapping[str, float]) -> DragState:
     """Let the radius of the tip grow with every trial."""
-    growth = values["growth_m_per_trial"] * order
+    growth = values["growth_m_per_trial"] * run_order
     return state.shifted(radius=growth)
 
 
-def _polish_edge(state: DragState, passes: Floats, values: Mapping[str, float]) -> DragState:
+def _add_edge_wear(
+    state: DragState, passes_of_block: Floats, values: Mapping[str, float]
+) -> DragState:
     """Let the radius of an edge grow with every pass over its block."""
-    growth = values["growth_m_per_pass"] * passes
+    growth = values["growth_m_per_pass"] * passes_of_block
     return state.shifted(radius=growth)
 
 
@@ -35,7 +37,7 @@ def _change_tip_radius(state: DragState, _: object, values: Mapping[str, float])
     return state.shifted(radius=values["radius_error_m"])
 
 
-def _flatten_tip(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
+def _add_tip_flat(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
     """Let the ball ride lower by the depth of a flat: every step stands higher by it."""
     return state.shifted(height=values["flat_depth_m"])
 
@@ -49,7 +51,7 @@ def _indent_contact(
     power: float, state: DragState, _: object, values: Mapping[str, float]
 ) -> DragState:
     """Let the contact give way by a power of the load."""
-    return indent_edge(state, values["depth_at_1n_m"], power)
+    return indent_contact(state, values["depth_at_1n_m"], power)
 
 
 def _change_block_height(
@@ -61,7 +63,7 @@ def _change_block_height(
     return state.shifted(height=error)
 
 
-def _exchange_blocks(
+def _exchange_block_heights(
     first: str, second: str, state: DragState, blocks: Labels, values: Mapping[str, float]
 ) -> DragState:
     """Add the difference of two blocks to the height of the first, and take it from the second."""
@@ -111,7 +113,7 @@ def make_exchange_law(first: str, second: str) -> Law:
         f"exchanged_blocks~{first}~{second}",
         f"the heights of {pair} exchanged",
         (difference,),
-        partial(_exchange_blocks, first, second),
+        partial(_exchange_block_heights, first, second),
         covariate="block",
         rank=-1,
         description=f"the labels of the blocks {pair} are exchanged: their heights differ by",
@@ -125,7 +127,7 @@ GEOMETRY_LAWS: tuple[Law, ...] = (
         "edge_rounding",
         "a = arccos(1 - H / (R + r))",
         (Parameter("edge_radius_m", "m", 0.0, 0.0, 3e-4, 5e-6),),
-        _round_edge,
+        _add_edge_radius,
         description="edges are rounded: r =",
         how_to_decide="scan the edges, or drag the same blocks with another tip",
     ),
@@ -133,7 +135,7 @@ GEOMETRY_LAWS: tuple[Law, ...] = (
         "tip_wear",
         "R(n) = R + w n",
         (Parameter("growth_m_per_trial", "m", 0.0, 0.0, 5e-6, 3e-8),),
-        _wear_tip,
+        _add_tip_wear,
         covariate="run_order",
         description="the tip wears: its radius grows per trial by",
         how_to_decide="swap the tip",
@@ -142,7 +144,7 @@ GEOMETRY_LAWS: tuple[Law, ...] = (
         "edge_polish",
         "r(n) = r + w n, n passes over the block",
         (Parameter("growth_m_per_pass", "m", 0.0, 0.0, 2e-5, 1e-7),),
-        _polish_edge,
+        _add_edge_wear,
         covariate="passes_of_block",
         rank=1,
         description="each pass polishes the edge of its block: the radius grows by",
@@ -161,7 +163,7 @@ GEOMETRY_LAWS: tuple[Law, ...] = (
         "tip_flat",
         "a = arccos(1 - (H + d) / R), flat of half width sqrt(2 R d)",
         (Parameter("flat_depth_m", "m", 0.0, 0.0, 3e-5, 1e-6),),
-        _flatten_tip,
+        _add_tip_flat,
         rank=1,
         description="the tip has a flat, of a depth of",
         how_to_decide="swap the tip",

@@ -38,13 +38,13 @@ def offer_laws(file: str | Path) -> tuple[Law, ...]:
     changed_ns = 0
     if path.exists():
         changed_ns = path.stat().st_mtime_ns
-    laws = _load_laws(path, changed_ns)
+    laws = _load_laws_from_file(path, changed_ns)
     os.environ[_OFFERED] = f"{changed_ns}:{path}"
     return laws
 
 
 @cache
-def _load_laws(path: Path, changed_ns: int) -> tuple[Law, ...]:
+def _load_laws_from_file(path: Path, changed_ns: int) -> tuple[Law, ...]:
     """Run a file as it was at a time [ns] and return the laws that it defines."""
     try:
         names = runpy.run_path(str(path))
@@ -66,7 +66,7 @@ def _load_laws(path: Path, changed_ns: int) -> tuple[Law, ...]:
 
 
 @cache
-def find_entry_points(group: str) -> metadata.EntryPoints:
+def find_cached_entry_points(group: str) -> metadata.EntryPoints:
     """Return the entry points of a group, searched only once: it reads every installed package."""
     return metadata.entry_points(group=group)
 
@@ -74,12 +74,12 @@ def find_entry_points(group: str) -> metadata.EntryPoints:
 def list_offered_laws() -> list[Law]:
     """Return entry points of the group ``stepblocks.effects``, then what `offer_laws` was given."""
     offered: list[Law] = []
-    for entry in find_entry_points(group="stepblocks.effects"):
+    for entry in find_cached_entry_points(group="stepblocks.effects"):
         law = entry.load()
         if not isinstance(law, Law):
             raise ContactError(f"entry points of stepblocks.effects must be a Law, got {law!r:.60}")
         offered.append(law)
     if _OFFERED in os.environ:
         changed_ns, _, path = os.environ[_OFFERED].partition(":")
-        offered += _load_laws(Path(path), int(changed_ns))
+        offered += _load_laws_from_file(Path(path), int(changed_ns))
     return offered

@@ -46,128 +46,133 @@ _NUMBERS = 19
 
 
 @njit(forceinline=True, error_model="numpy")
-def _select(condition: bool, if_so: float, otherwise: float) -> float:
+def _choose_without_branch(condition: bool, if_so: float, otherwise: float) -> float:
     """Choose one of two numbers that are both known, which is no branch to a processor."""
     return if_so if condition else otherwise
 
 
 @njit(forceinline=True, error_model="numpy")
-def _land(friction: float, sine: float, ground: float, velocity: float, up: float) -> float:
+def _compute_landing_velocity(
+    friction: float, sine: float, cosine: float, velocity: float, upward_velocity: float
+) -> float:
     """Velocity along the drag of a tip that lands on its path and does not bounce.
 
-    `sine` and `ground` are sine and cosine of the slope.
+    `sine` and `cosine` are those of the slope.
     """
-    into_path = max(velocity * sine - up * ground, 0.0)
+    into_path = max(velocity * sine - upward_velocity * cosine, 0.0)
     lost = friction * into_path
-    along = max(velocity * ground + up * sine - lost, 0.0)
-    return along * ground
+    along = max(velocity * cosine + upward_velocity * sine - lost, 0.0)
+    return along * cosine
 
 
 @njit(forceinline=True, error_model="numpy")
-def _climb(
+def _compute_climbing_velocity(
     pull: float,
     friction: float,
     give: float,
     sine: float,
-    ground: float,
-    bend: float,
+    cosine: float,
+    curvature_term: float,
     velocity: float,
 ) -> float:
-    """Velocity after a step along the edge; `bend` is y'' x'^2.
+    """Velocity after a step along the edge; `curvature_term` is y'' x'^2.
 
     Where the tip stops, it sticks or slips back for what is left of the step.
     """
     # by how much the pull exceeds what holds it ahead, and back: over cos^2 of the slope with
     # the angle of friction added, or taken off
-    rub = friction * ground
+    rub = friction * cosine
     slip = friction * sine
-    lever = ground * give
-    ahead = pull * (ground - slip) - (sine + rub)
-    back = pull * (ground + slip) - (sine - rub)
-    forward = ahead * lever + (sine + rub) * bend
-    backward = back * lever + (sine - rub) * bend
+    lever = cosine * give
+    ahead = pull * (cosine - slip) - (sine + rub)
+    back = pull * (cosine + slip) - (sine - rub)
+    forward = ahead * lever + (sine + rub) * curvature_term
+    backward = back * lever + (sine - rub) * curvature_term
     # at rest it breaks loose to one side, or sticks
-    loose = _select(ahead > 0.0, forward, 0.0)
-    loose = _select(back < 0.0, backward, loose)
-    gained = _select(velocity > 0.0, forward, loose)
-    gained = _select(velocity < 0.0, backward, gained)
+    loose = _choose_without_branch(ahead > 0.0, forward, 0.0)
+    loose = _choose_without_branch(back < 0.0, backward, loose)
+    gained = _choose_without_branch(velocity > 0.0, forward, loose)
+    gained = _choose_without_branch(velocity < 0.0, backward, gained)
     climbed = velocity + gained * _STEP
     turned = loose * (_STEP + velocity / gained)
     has_stopped = climbed * velocity < 0.0
-    return _select(has_stopped, turned, climbed)
+    return _choose_without_branch(has_stopped, turned, climbed)
 
 
 @njit(cache=True, error_model="numpy")
-def _move_tips(s: Array) -> None:
+def _advance_tips_by_step(lane_state: Array) -> None:
     """Move as many tips as there are lanes by one step, without a branch.
 
-    `s` holds every number of them side by side, shape (19 * lanes,); branches would move the tips
-    one by one. The mass is lifted as well as moved: (1 + T tan a) x'' = F - T (1 + y'' x'^2), T =
-    tan(a + atan mu), while it is pressed on; it may fly off, stop on its way, and slip back.
+    `lane_state` holds every number of them side by side, shape (19 * lanes,); branches would move
+    the tips one by one. The mass is lifted as well as moved: (1 + T tan a) x'' = F -
+    T (1 + y'' x'^2), T = tan(a + atan mu), while it is pressed on; it may fly off, stop on
+    its way, and slip back.
     """
     n = _LANES
     for j in range(n):
-        friction = s[_FRICTION * n + j]
-        stiffness = s[_STIFFNESS * n + j]
-        give = s[_GIVE * n + j]
-        drive = s[_DRIVE * n + j]
-        reach = s[_REACH * n + j]
-        x = s[_X * n + j]
-        velocity = s[_VELOCITY * n + j]
-        y = s[_Y * n + j]
-        up = s[_UP * n + j]
-        is_aloft = s[_ALOFT * n + j] > 0.0
+        friction = lane_state[_FRICTION * n + j]
+        stiffness = lane_state[_STIFFNESS * n + j]
+        give = lane_state[_GIVE * n + j]
+        drive = lane_state[_DRIVE * n + j]
+        reach = lane_state[_REACH * n + j]
+        x = lane_state[_X * n + j]
+        velocity = lane_state[_VELOCITY * n + j]
+        y = lane_state[_Y * n + j]
+        up = lane_state[_UP * n + j]
+        is_aloft = lane_state[_ALOFT * n + j] > 0.0
         # ---- where the tip is on the edge, and for what share of the step it still is
         left = max(reach - x, 0.0)
         share = min(left / (velocity * _STEP), 1.0)
-        share = _select(velocity > 0.0, share, 1.0)
+        share = _choose_without_branch(velocity > 0.0, share, 1.0)
         sine = min(left, 1.0)
         square = 1.0 - sine * sine
         ground = np.sqrt(square)
         # ---- whether it flies, lands or leaves the path
-        damping = s[_DRAG * n + j] * (drive - velocity)
-        pull = s[_FORCE * n + j] + damping
+        damping = lane_state[_DRAG * n + j] * (drive - velocity)
+        pull = lane_state[_FORCE * n + j] + damping
         flies = is_aloft & (y > ground)
         lands = is_aloft & (y <= ground)
-        landed = _land(friction, sine, ground, velocity, up)
-        velocity = _select(lands, landed, velocity)
-        bend = _select(left > 0.0, share * velocity * velocity / square, 0.0)
+        landed = _compute_landing_velocity(friction, sine, ground, velocity, up)
+        velocity = _choose_without_branch(lands, landed, velocity)
+        bend = _choose_without_branch(left > 0.0, share * velocity * velocity / square, 0.0)
         pressed = ground - stiffness * bend + sine * pull
         leaves = flies | (pressed <= 0.0)
         # ---- its velocity, upwards and along the drag
-        rising = (ground - s[_LAST * n + j]) * _STEPS_PER_RADIAN
-        up = _select(flies, up, rising) - _STEP * give
-        climbed = _climb(pull, friction, give, sine, ground, bend, velocity)
+        rising = (ground - lane_state[_LAST * n + j]) * _STEPS_PER_RADIAN
+        up = _choose_without_branch(flies, up, rising) - _STEP * give
+        climbed = _compute_climbing_velocity(pull, friction, give, sine, ground, bend, velocity)
         free = velocity + pull * give * _STEP
-        velocity = _select(leaves, free, climbed)
+        velocity = _choose_without_branch(leaves, free, climbed)
         # ---- the drift, and the force then
         x += velocity * _STEP
-        handle = s[_HANDLE * n + j] + drive * _STEP
+        handle = lane_state[_HANDLE * n + j] + drive * _STEP
         stretch = stiffness * (handle - x)
-        force = stretch + s[_CUBIC * n + j] * stretch**3
+        force = stretch + lane_state[_CUBIC * n + j] * stretch**3
         # ---- whether the first swing is over: the force rises again below that of sliding
-        lowest = s[_LOWEST_FORCE * n + j]
+        lowest = lane_state[_LOWEST_FORCE * n + j]
         swings = (x >= reach) | (force < friction)
         is_past = (force > lowest) & ((lowest < friction) | (velocity <= drive))
-        is_too_long = s[_STEPS * n + j] >= _MOST_STEPS
+        is_too_long = lane_state[_STEPS * n + j] >= _MOST_STEPS
         is_done = (swings & is_past) | is_too_long
-        height = _select(flies, y, ground)
-        s[_FORCE * n + j] = force
-        s[_X * n + j] = x
-        s[_VELOCITY * n + j] = velocity
-        s[_HANDLE * n + j] = handle
-        s[_Y * n + j] = height + up * _STEP
-        s[_UP * n + j] = up
-        s[_LAST * n + j] = ground
-        s[_ALOFT * n + j] = _select(leaves, 1.0, 0.0)
-        s[_PEAK * n + j] = max(s[_PEAK * n + j], force)
-        s[_LOWEST_FORCE * n + j] = _select(swings, min(lowest, force), lowest)
-        s[_DONE * n + j] = _select(is_done, 1.0, 0.0)
-        s[_STEPS * n + j] += 1.0
+        height = _choose_without_branch(flies, y, ground)
+        lane_state[_FORCE * n + j] = force
+        lane_state[_X * n + j] = x
+        lane_state[_VELOCITY * n + j] = velocity
+        lane_state[_HANDLE * n + j] = handle
+        lane_state[_Y * n + j] = height + up * _STEP
+        lane_state[_UP * n + j] = up
+        lane_state[_LAST * n + j] = ground
+        lane_state[_ALOFT * n + j] = _choose_without_branch(leaves, 1.0, 0.0)
+        lane_state[_PEAK * n + j] = max(lane_state[_PEAK * n + j], force)
+        lane_state[_LOWEST_FORCE * n + j] = _choose_without_branch(
+            swings, min(lowest, force), lowest
+        )
+        lane_state[_DONE * n + j] = _choose_without_branch(is_done, 1.0, 0.0)
+        lane_state[_STEPS * n + j] += 1.0
 
 
 @njit(cache=True)
-def _move_all_tips(tips: Array) -> None:
+def _integrate_all_tips(tips: Array) -> None:
     """Move every tip to its end, a row of `tips` each; a lane whose tip is done takes the next."""
     lanes = np.zeros((_NUMBERS, _LANES))
     lanes[_DONE] = 1.0
@@ -182,24 +187,24 @@ def _move_all_tips(tips: Array) -> None:
                 owner[lane] = waiting
                 lanes[:, lane] = tips[min(waiting, len(tips) - 1)]
                 waiting += 1
-        _move_tips(lanes.reshape(-1))
+        _advance_tips_by_step(lanes.reshape(-1))
 
 
 @lru_cache(maxsize=64)  # most parameters of a fit do not change the motion
-def _integrate_climbs(cases: bytes) -> Array:
+def _integrate_cached_climbs(case_bytes: bytes) -> Array:
     """Peak force over that at which the tip breaks loose, and the share that rings, shape (2, n).
 
-    The share is the energy of the first swing below sliding over that stored, undamped. `cases` are
-    the bytes of `_Cases` as an array of shape (6, n).
+    The share is the energy of the first swing below sliding over that stored, undamped. The cases
+    are the bytes of `_Cases` as an array of shape (6, n).
     """
-    of_trials = np.frombuffer(cases).reshape(len(_Cases._fields), -1)
-    distinct, place = _merge_replicates(of_trials)
+    of_trials = np.frombuffer(case_bytes).reshape(len(_Cases._fields), -1)
+    distinct, place = _find_distinct_cases(of_trials)
     distinct_cases = _Cases(*of_trials[:, distinct])
     released = _integrate_distinct_climbs(distinct_cases)
     return released[:, place]
 
 
-def _merge_replicates(cases: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _find_distinct_cases(cases: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Find which of n cases differ, and which of them each case is; `cases` has shape (6, n).
 
     Trials of the same settings release alike, and their motion need be integrated once.
@@ -212,32 +217,32 @@ def _merge_replicates(cases: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]
     return distinct, place
 
 
-def _integrate_distinct_climbs(case: "_Cases") -> Array:
-    """Return what `_integrate_climbs` does of some cases, shape (2, n)."""
-    edge = np.arccos(1.0 - case.height)
-    friction = np.minimum(case.friction, np.tan(_STEEPEST - edge))
-    drive = case.speed / case.stiffness
-    drag = 2.0 * case.damping * case.stiffness
+def _integrate_distinct_climbs(cases: "_Cases") -> Array:
+    """Return what `_integrate_cached_climbs` does of some cases, shape (2, n)."""
+    edge = np.arccos(1.0 - cases.height)
+    friction = np.minimum(cases.friction, np.tan(_STEEPEST - edge))
+    drive = cases.speed / cases.stiffness
+    drag = 2.0 * cases.damping * cases.stiffness
     breaking_loose = np.tan(edge + np.arctan(friction)) - drag * drive
     start = np.maximum(breaking_loose, _LEAST_SHARE)
     tips = np.zeros((len(edge), _NUMBERS))
     tips[:, _FRICTION] = friction
-    tips[:, _STIFFNESS] = case.stiffness
-    tips[:, _GIVE] = 1.0 / case.stiffness
+    tips[:, _STIFFNESS] = cases.stiffness
+    tips[:, _GIVE] = 1.0 / cases.stiffness
     tips[:, _DRIVE] = drive
     tips[:, _DRAG] = drag
-    tips[:, _CUBIC] = case.cubic
+    tips[:, _CUBIC] = cases.cubic
     tips[:, [_FORCE, _PEAK, _LOWEST_FORCE]] = start[:, None]
-    tips[:, _HANDLE] = compute_unhardened_force(start, case.cubic) / case.stiffness
-    tips[:, _LAST] = 1.0 - case.height
+    tips[:, _HANDLE] = compute_unhardened_force(start, cases.cubic) / cases.stiffness
+    tips[:, _LAST] = 1.0 - cases.height
     tips[:, _REACH] = np.sin(edge)
     # the slowest first: one that climbs down with the handle at last would move in a lane alone
     slow = np.argsort(drive, kind="stable")
     moved = tips[slow]
-    _move_all_tips(moved)
+    _integrate_all_tips(moved)
     tips[slow] = moved
     peak, lowest = tips[:, _PEAK], tips[:, _LOWEST_FORCE]
-    share = _compute_ring_share(case, friction, peak, lowest)
+    share = _compute_ring_share(cases, friction, peak, lowest)
     ringing = np.where(lowest < friction, share, 0.0)
     return np.stack([peak / start, ringing])
 
@@ -268,7 +273,7 @@ class _Cases(NamedTuple):
     cubic: Array
 
 
-def compute_release(
+def compute_log_excess_and_ring_share(
     height: Array,
     friction: Array,
     stiffness: Array,
@@ -295,6 +300,6 @@ def compute_release(
     """
     held_height = np.clip(height, _LOWEST, _HIGHEST)
     cases = _Cases(held_height, friction, stiffness, speed, damping, cubic)
-    excess, share = _integrate_climbs(np.stack(cases).tobytes())
+    excess, share = _integrate_cached_climbs(np.stack(cases).tobytes())
     shown_share = np.maximum(share, _LEAST_SHARE**2)
     return np.log(excess), np.log(shown_share)

@@ -40,32 +40,36 @@ _COEFFICIENT = (Parameter("coefficient_n_s_per_m", "N s/m", 0.0, 0.0, 100.0, 0.5
 _LEAST_STIFFNESS = 0.1  # of the nominal, where a fit strays [1]
 
 
-def _harden(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
+def _harden_spring(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
     """Let the spring harden, after Duffing."""
     return state.shifted(hardening=values["cubic_per_n2"], pitch_share=values["pitch_share"])
 
 
-def _compute_softening(celsius: Floats, values: Mapping[str, float]) -> Floats:
+def _compute_softening_factor(celsius: Floats, values: Mapping[str, float]) -> Floats:
     """Stiffness of a warm spring over that at room temperature [1]."""
     warmth = celsius - ROOM_TEMPERATURE
     share = 1.0 - values["softening_per_k"] * warmth
     return np.asarray(np.maximum(share, _LEAST_STIFFNESS))
 
 
-def _soften(state: DragState, celsius: Floats, values: Mapping[str, float]) -> DragState:
+def _soften_spring_and_pitch(
+    state: DragState, celsius: Floats, values: Mapping[str, float]
+) -> DragState:
     """Let the spring soften as it warms, and its rate of decay with a power of its stiffness."""
-    factor = _compute_softening(celsius, values)
+    factor = _compute_softening_factor(celsius, values)
     damping_factor = factor ** values["damping_power"]
     return state.scaled(stiffness=factor, ring_stiffness=factor, damping=damping_factor)
 
 
-def _soften_ramp(state: DragState, celsius: Floats, values: Mapping[str, float]) -> DragState:
+def _soften_spring_without_pitch(
+    state: DragState, celsius: Floats, values: Mapping[str, float]
+) -> DragState:
     """Let the spring soften as it warms, though its pitch does not."""
-    factor = _compute_softening(celsius, values)
+    factor = _compute_softening_factor(celsius, values)
     return state.scaled(stiffness=factor, conversion=factor)
 
 
-def _add_load(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
+def _add_load_seen_by_gauge(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
     """Add a load that the normal gauge sees."""
     bias = values["load_bias_n"]
     return state.shifted(load=bias, sensed_offset=bias)
@@ -76,24 +80,28 @@ def _add_unseen_load(state: DragState, _: object, values: Mapping[str, float]) -
     return state.shifted(load=values["load_bias_n"])
 
 
-def _rub_pivot(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
+def _add_proportional_pivot_friction(
+    state: DragState, _: object, values: Mapping[str, float]
+) -> DragState:
     """Let a pivot rub by a share of the load while the tip is lifted."""
     rubbed = values["pivot_share"] * state.set_load
     return state.shifted(climb_load=rubbed)
 
 
-def _rub_pivot_steadily(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
+def _add_constant_pivot_friction(
+    state: DragState, _: object, values: Mapping[str, float]
+) -> DragState:
     """Let a pivot rub by a constant force while the tip is lifted."""
     return state.shifted(climb_load=values["pivot_force_n"])
 
 
-def _drag_always(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
+def _add_viscous_drag(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
     """Let a viscous drag act at any time."""
     viscous = values["coefficient_n_s_per_m"] * state.speed
     return state.shifted(drag=viscous)
 
 
-def _drag_while_climbing(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
+def _add_viscous_climb_drag(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
     """Let a viscous drag act while the tip climbs."""
     viscous = values["coefficient_n_s_per_m"] * state.speed
     return state.shifted(climb_drag=viscous)
@@ -110,7 +118,7 @@ TOOL_LAWS: tuple[Law, ...] = (
             # found with it
             Parameter("pitch_share", "1", 0.2, -0.5, 1.0, 0.1),
         ),
-        _harden,
+        _harden_spring,
         covariate="peak_force_n",
         given=False,
         shapes=({"pitch_share": 0.0}, {"pitch_share": 0.4}),
@@ -124,7 +132,7 @@ TOOL_LAWS: tuple[Law, ...] = (
             # a damper of oil keeps its coefficient (0), one of rubber its ratio (1/2)
             Parameter("damping_power", "1", 0.25, -1.0, 1.5, 0.1, 0.5),
         ),
-        _soften,
+        _soften_spring_and_pitch,
         shapes=({"damping_power": 0.0}, {"damping_power": 0.5}),
         description="the spring softens as it warms: by {}, its damping with the power {} of k",
     ),
@@ -132,11 +140,11 @@ TOOL_LAWS: tuple[Law, ...] = (
         "softening_spring~pitch_unchanged",
         "k (1 - s (T - 22 C)) of the ramp alone",
         (_SOFTENING,),
-        _soften_ramp,
+        _soften_spring_without_pitch,
         rank=1,
         description="the spring softens as it warms, though its pitch does not: per K by",
     ),
-    _bias("load_bias", "F_py -> F_py + b, as the gauge sees it", _BIAS, _add_load),
+    _bias("load_bias", "F_py -> F_py + b, as the gauge sees it", _BIAS, _add_load_seen_by_gauge),
     _bias(
         "load_bias~unseen",
         "F_py -> F_py + b at the contact, unseen by the gauge",
@@ -149,23 +157,23 @@ TOOL_LAWS: tuple[Law, ...] = (
         "F_py (1 + p) while the tip climbs",
         # what rubs presses on a tip that is lifted, and never carries it
         (Parameter("pivot_share", "1", 0.0, 0.0, 2.0, 0.02),),
-        _rub_pivot,
+        _add_proportional_pivot_friction,
         rank=2,
     ),
     _pivot(
         "pivot_friction~constant",
         "F_py + f while the tip climbs",
         (Parameter("pivot_force_n", "N", 0.0, 0.0, 0.6, 0.01),),
-        _rub_pivot_steadily,
+        _add_constant_pivot_friction,
         rank=3,
         description="a pivot rubs while the tip is lifted: force",
     ),
-    _drag("viscous_drag", "F_x + c v", _COEFFICIENT, _drag_always),
+    _drag("viscous_drag", "F_x + c v", _COEFFICIENT, _add_viscous_drag),
     _drag(
         "viscous_drag~climbing",
         "F_px + c v, while the tip climbs",
         _COEFFICIENT,
-        _drag_while_climbing,
+        _add_viscous_climb_drag,
         rank=1,
     ),
 )

@@ -39,16 +39,16 @@ def _write_program(folder: Path, name: str, scenes: Mapping[str, Scene]) -> None
         blocks.append(
             {
                 "file": file,
-                "pull": _choose_pull(scene),
-                "height": _find_equivalent_height(scene),
+                "pull": _choose_virtual_hand_pull(scene),
+                "height": _compute_equivalent_height(scene),
                 "scene": scene,
             }
         )
     for file in ("CMakeLists.txt", "ReleaseRing.h", "SessionLog.h", "StepBlock.h", "blocks.cpp"):
-        write_from_template(folder / file, name=name, blocks=blocks, lean=_find_pull_ratio)
+        write_from_template(folder / file, name=name, blocks=blocks, lean=_compute_pull_ratio)
 
 
-def _find_pull_ratio(event: VibrationEvent, point: OperatingPoint) -> float:
+def _compute_pull_ratio(event: VibrationEvent, point: OperatingPoint) -> float:
     """Find the ratio of pull to load at which a notch gives way, tan(a + atan mu) [1]."""
     if event.status is Status.NO_CATCH:
         return point.friction
@@ -57,14 +57,14 @@ def _find_pull_ratio(event: VibrationEvent, point: OperatingPoint) -> float:
     return _NEVER
 
 
-def _choose_pull(scene: Scene) -> float:
+def _choose_virtual_hand_pull(scene: Scene) -> float:
     """Choose the pull of the virtual hand where the formula knows no release [N]."""
     if scene.events[0].status is Status.NO_CATCH:
         return 0.5 * scene.point.normal_load
     return 10.0 * scene.point.normal_load
 
 
-def _find_equivalent_height(scene: Scene) -> float:
+def _compute_equivalent_height(scene: Scene) -> float:
     """Find the height of a step, or of the step that has the same critical angle [m]."""
     face = scene.surface.counterface()
     if isinstance(face, Step):

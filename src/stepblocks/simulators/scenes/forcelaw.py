@@ -10,7 +10,12 @@ from stepblocks.contact.energy import Status
 from stepblocks.contact.event import VibrationEvent
 from stepblocks.haptics import proxy_kernel
 from stepblocks.haptics.renderer import Renderer
-from stepblocks.simulators.scene import Scene, SceneFormat, name_direction, write_from_template
+from stepblocks.simulators.scene import (
+    Scene,
+    SceneFormat,
+    format_drag_direction,
+    write_from_template,
+)
 
 _ROWS = 2000
 _PATH = {
@@ -28,20 +33,22 @@ def _write_scene(folder: Path, scene: Scene) -> None:
     path = scene.path.scaled(1.0 / scene.scale)
     renderer = Renderer(path, scene.point, scale=scene.scale, event=False)
     for event in scene.events:
-        _write_force(folder, scene, renderer, event)
+        _write_force_table(folder, scene, renderer, event)
     knots = renderer.knots
     columns = {}
     for column, name in _PATH.items():
         columns[column] = knots[name]
-    _write_columns(folder / "path.csv", columns)
-    source = _read_tick_source()
+    _write_csv_columns(folder / "path.csv", columns)
+    source = _read_uncompiled_tick_source()
     for name in ("force_law.py", "force_law.h", "force_law_path.h", "force_law_demo.c"):
         write_from_template(
             folder / name, scene=scene, ring=scene.ring_ratio, knots=knots, kernel=source
         )
 
 
-def _write_force(folder: Path, scene: Scene, renderer: Renderer, event: VibrationEvent) -> None:
+def _write_force_table(
+    folder: Path, scene: Scene, renderer: Renderer, event: VibrationEvent
+) -> None:
     """Write the pulling force over the hand's position, past the release of one direction."""
     load = scene.point.normal_load
     force = 3.0 * load
@@ -50,16 +57,16 @@ def _write_force(folder: Path, scene: Scene, renderer: Renderer, event: Vibratio
     travel = 1.3 * force / scene.stiffness + scene.ball_radius
     record = renderer.drag(load, travel, float(event.direction), 1e-3 * scene.scale)
     kept = np.unique(np.linspace(0, len(record.hand) - 1, _ROWS).astype(int))
-    direction = name_direction(event)
+    direction = format_drag_direction(event)
     columns = {
         "hand_along_drag_m": record.hand[kept],
         "pulling_force_n": record.pull[kept],
         "normal_load_n": np.full(len(kept), load),
     }
-    _write_columns(folder / f"force-{direction}.csv", columns)
+    _write_csv_columns(folder / f"force-{direction}.csv", columns)
 
 
-def _read_tick_source() -> str:
+def _read_uncompiled_tick_source() -> str:
     """Read the source of the compiled tick, as it runs uncompiled."""
     source = inspect.getsource(proxy_kernel)
     tick = source[source.index("@numba") : source.index("@numba.njit(cache=True)\ndef drag")]
@@ -70,7 +77,7 @@ def _read_tick_source() -> str:
     return uncompiled
 
 
-def _write_columns(path: Path, columns: dict[str, Array]) -> None:
+def _write_csv_columns(path: Path, columns: dict[str, Array]) -> None:
     """Write columns of numbers as CSV."""
     header = ",".join(columns)
     rows = np.column_stack(list(columns.values()))

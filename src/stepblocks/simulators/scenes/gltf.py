@@ -67,8 +67,8 @@ def _make_engine_fields(
         triggers.append(
             {
                 "drag": event.drag,
-                "position": _list_without_negative_zero(position_in_engine),
-                "direction": _list_without_negative_zero(matrix @ direction),
+                "position": _convert_to_json_coordinates(position_in_engine),
+                "direction": _convert_to_json_coordinates(matrix @ direction),
             }
         )
     return {
@@ -79,9 +79,9 @@ def _make_engine_fields(
     }
 
 
-def _list_without_negative_zero(place: Array) -> list[float]:
+def _convert_to_json_coordinates(coordinates: Array) -> list[float]:
     """List coordinates for JSON, without a negative zero."""
-    return [float(value) + 0.0 for value in place]
+    return [float(value) + 0.0 for value in coordinates]
 
 
 GLTF = SceneFormat(

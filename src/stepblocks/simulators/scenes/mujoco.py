@@ -21,7 +21,7 @@ def _write_scene(folder: Path, scene: Scene) -> None:
 def _write_set(folder: Path, scenes: Sequence[Scene], _: str) -> None:
     """Write one scene with all blocks of a set side by side; each has its tip."""
     first = scenes[0]
-    spacing = 1.2 * max(map(_measure_width, scenes))
+    spacing = 1.2 * max(map(_compute_block_width, scenes))
     blocks = []
     for number, scene in enumerate(scenes):
         prefix = f"{scene.stimulus.id}-"
@@ -31,7 +31,7 @@ def _write_set(folder: Path, scenes: Sequence[Scene], _: str) -> None:
         folder / "scene.xml",
         name=folder.parent.name,
         blocks=blocks,
-        reach=_find_reach(scenes),
+        reach=_compute_slider_span(scenes),
         clip=clip,
     )
     write_from_template(
@@ -39,12 +39,12 @@ def _write_set(folder: Path, scenes: Sequence[Scene], _: str) -> None:
     )
 
 
-def _measure_width(scene: Scene) -> float:
+def _compute_block_width(scene: Scene) -> float:
     """Measure the width of a block in a scene."""
     return float(np.ptp(scene.whole.vertices[:, 1]))
 
 
-def _find_reach(scenes: Sequence[Scene]) -> float:
+def _compute_slider_span(scenes: Sequence[Scene]) -> float:
     """Find what the sliders of the viewer span [m]: past every release, and twice the load."""
     first = scenes[0]
     forces = []

@@ -7,7 +7,7 @@ from pathlib import Path
 from stepblocks.simulators.scene import Scene, SceneFormat, write_from_template
 
 
-def _write_blocks(folder: Path, scenes: Sequence[Scene]) -> None:
+def _write_native_renderer_and_blocks(folder: Path, scenes: Sequence[Scene]) -> None:
     """Write the sources of the native renderer, and the blocks that it loads."""
     sources = files("stepblocks.simulators").joinpath("native")
     for source in sorted(sources.iterdir(), key=lambda source: source.name):
@@ -19,9 +19,9 @@ NATIVE = SceneFormat(
     name="native",
     title="C, C++, Python, Unity, Unreal: libstepblocks",
     unit="metres",
-    write=lambda folder, scene: _write_blocks(folder, [scene]),
-    write_tooth=lambda folder, _, stations: _write_blocks(folder, stations),
-    write_set=lambda folder, scenes, _: _write_blocks(folder, scenes),
+    write=lambda folder, scene: _write_native_renderer_and_blocks(folder, [scene]),
+    write_tooth=lambda folder, _, stations: _write_native_renderer_and_blocks(folder, stations),
+    write_set=lambda folder, scenes, _: _write_native_renderer_and_blocks(folder, scenes),
     shares_probe=False,
     run=(
         "`cmake -B build && cmake --build build`, then `build/drag blocks.txt` drags a virtual "

@@ -16,11 +16,11 @@ def _write_scene(folder: Path, scene: Scene) -> None:
     for piece in scene.pieces:
         vertices = piece.vertices * (_CM / _OBJ_UNITS)
         write_obj(folder / f"{piece.name}.obj", Mesh(piece.name, vertices, piece.triangles))
-    alarm = 0.1 * scene.scale * _CM * _find_smallest_height(scene)
+    alarm = 0.1 * scene.scale * _CM * _compute_smallest_felt_height(scene)
     write_from_template(folder / "scene.scn", scene=scene, alarm=alarm)
 
 
-def _find_smallest_height(scene: Scene) -> float:
+def _compute_smallest_felt_height(scene: Scene) -> float:
     """Find the smallest height that is to be felt [m]: of a step, else of a gap, else the ball."""
     z = scene.path.z / scene.scale
     step = abs(float(z[-1] - z[0]))

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 from stepblocks.files.tables import Table
-from stepblocks.lawsearch.law import correct_by_holm
+from stepblocks.lawsearch.law import correct_p_values_by_holm
 from stepblocks.study.analysis.accuracy import ANSWER, Measure
 from stepblocks.study.analysis.anova import Interval
 from stepblocks.study.analysis.comparisons import Comparisons, CurveQuantity
@@ -173,7 +173,7 @@ class Analysis:
         for test in tests.values():
             if test.name != first.name and math.isfinite(test.p):
                 secondary.append(test)
-        corrected = correct_by_holm([test.p for test in secondary]).tolist()
+        corrected = correct_p_values_by_holm([test.p for test in secondary]).tolist()
         for test, p in zip(secondary, corrected, strict=True):
             findings.append(Finding(test.name, test.p, p, primary=False, test=test))
         return tuple(findings)

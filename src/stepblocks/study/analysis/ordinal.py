@@ -16,7 +16,7 @@ from scipy.special import expit, logsumexp
 from stepblocks.contact import Array
 from stepblocks.errors import StudyError
 from stepblocks.files.tables import Table
-from stepblocks.lawsearch.law import correct_by_holm
+from stepblocks.lawsearch.law import correct_p_values_by_holm
 from stepblocks.study.analysis.anova import Interval
 
 _FAR = 300.0  # logits beyond which no rating lies
@@ -194,7 +194,7 @@ def _compare_condition_odds(
         errors.append(error)
         p_values.append(2.0 * float(stats.t.sf(abs(difference) / error, participant_count - 1)))
     limit = float(stats.t.ppf(0.975, participant_count - 1))
-    corrected = correct_by_holm(p_values).tolist()
+    corrected = correct_p_values_by_holm(p_values).tolist()
     intervals = []
     for (earlier, later), difference, error, p in zip(
         pairs, differences, errors, corrected, strict=True

@@ -13,7 +13,7 @@ from pathlib import Path
 from stepblocks.errors import PipelineError, StudyError
 from stepblocks.files.atomic import lock_folder, resolve_inside
 from stepblocks.haptics.hands import HANDS, Hand, Mouse
-from stepblocks.haptics.servo import Servo, write_motion
+from stepblocks.haptics.servo import Servo, write_motion_file
 from stepblocks.study.columns import FACTOR, RATINGS, WHEN, Row, read_number_or_nan
 from stepblocks.study.conduct.answer_file import TIMES, AnswerFile
 from stepblocks.study.conduct.clock import SteadyClock, format_timestamp
@@ -279,7 +279,7 @@ class Run:
     def move(self, x: float, held: bool) -> None:
         """Take where the page says that the mouse is [m], and whether it is held."""
         if isinstance(self.hand, Mouse):
-            self.hand.update_position(x, held)
+            self.hand.update_target(x, held)
 
     def report_probe_state(self) -> dict[str, object]:
         """Return where the probe is [m], what rings, and what is in doubt."""
@@ -360,7 +360,7 @@ class Run:
                 name: row[name] for name in (*WHEN, "stimulus", "height_um")
             }
             attributes["scale"] = virtual.scale
-            write_motion(path, servo, attributes)
+            write_motion_file(path, servo, attributes)
         virtual.end()
 
     def _record_answer(self, row: dict[str, str]) -> None:

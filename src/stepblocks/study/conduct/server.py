@@ -15,7 +15,7 @@ from typing import Any
 from stepblocks.errors import StepblocksError
 from stepblocks.files.page_policy import comes_from_this_machine
 from stepblocks.files.pages import render_page
-from stepblocks.haptics.servo import raise_priority
+from stepblocks.haptics.servo import request_real_time_priority
 from stepblocks.study.conduct.page_run import PageRun
 
 _LARGEST = {"GET": 0, "POST": 20_000}  # bytes of a request
@@ -61,7 +61,7 @@ class RunServer(ThreadingHTTPServer):
 
     def serve_until_done(self) -> None:
         """Serve until the last answer is given."""
-        if self.experiment.virtual and not raise_priority(_PRIORITY):
+        if self.experiment.virtual and not request_real_time_priority(_PRIORITY):
             print(
                 "stepblocks: this system grants no real-time priority: ticks of the force may come "
                 "late; each is recorded with its lateness",

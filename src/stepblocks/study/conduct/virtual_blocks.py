@@ -112,7 +112,7 @@ class VirtualBlocks:
     def is_touched(self) -> bool:
         """Return whether the block of the trial was touched."""
         servo = self.servo
-        return servo is not None and bool((servo.get_columns()["held"] > 0.0).any())
+        return servo is not None and bool((servo.get_log_columns()["held"] > 0.0).any())
 
     def report_probe_state(self) -> Mapping[str, object]:
         """Return where the probe is [m], what rings, and what is in doubt, as the page asks it.

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from stepblocks.lawsearch.law import Law, Parameter, SizedChange
 from stepblocks.rig.effects.grammar.covariates import CovariateRange
 from stepblocks.rig.effects.grammar.shapes import SHAPES
-from stepblocks.rig.effects.grammar.slots import list_moved_slots, make_shift
+from stepblocks.rig.effects.grammar.slots import list_moved_slots, make_shift_change
 from stepblocks.rig.state import Floats
 
 
@@ -22,13 +22,13 @@ def list_composed_laws(covariates: Sequence[CovariateRange]) -> tuple[Law, ...]:
     for covariate in covariates:
         for slot in list_moved_slots(covariate.name, has_labels=bool(covariate.labels)):
             for list_laws in SHAPES:
-                laws += _name_columns(list_laws(slot, covariate), covariate)
+                laws += _set_covariate_columns(list_laws(slot, covariate), covariate)
         if covariate.labels and covariate.name != "block":
             laws.append(_make_added_load_law(covariate))
     return tuple(laws)
 
 
-def _name_columns(laws: Sequence[Law], covariate: CovariateRange) -> list[Law]:
+def _set_covariate_columns(laws: Sequence[Law], covariate: CovariateRange) -> list[Law]:
     """Name the columns that make up the covariate of laws, where it is a pair."""
     if not covariate.pair:
         return list(laws)
@@ -60,7 +60,7 @@ def _make_added_load_law(covariate: CovariateRange) -> Law:
         f"added_load_{covariate.name}",
         f"F_py + b, by {covariate.name}",
         tuple(parameters),
-        SizedChange(make_shift("load", "sensed_offset", by=1.0), add),
+        SizedChange(make_shift_change("load", "sensed_offset", unit=1.0), add),
         "normal_load",
         covariate.name,
         description=f"the load differs from the weights by {covariate.name}:",

@@ -76,28 +76,28 @@ class CovariateRange:
             low, high = float(np.log(low)), float(np.log(high))
         return np.asarray(np.clip((numbers - low) / (high - low), 0.0, 1.0))
 
-    def build_line(self, column: NDArray[np.generic]) -> Floats:
+    def build_line_column(self, column: NDArray[np.generic]) -> Floats:
         """Return the one column of a straight line, from -1 to 1 over the range.
 
         For a pair of numbers it is the product of two.
         """
         if self.pair:
             first, second = self.pair
-            return first.build_line(column[:, 0]) * second.build_line(column[:, 1])
+            return first.build_line_column(column[:, 0]) * second.build_line_column(column[:, 1])
         return (2.0 * self.scale_to_unit(column) - 1.0)[:, None]
 
-    def build_group_lines(self, column: NDArray[np.generic]) -> Floats:
+    def build_group_line_columns(self, column: NDArray[np.generic]) -> Floats:
         """Return a straight line for each label, and a level for each but the first.
 
         The lines are zero under all other labels; the shape is (n, 2 labels - 1).
         """
         groups, number = self.pair
-        lines = number.build_line(column[:, 1].astype(np.float64))
+        lines = number.build_line_column(column[:, 1].astype(np.float64))
         labels = column[:, 0].astype(str)
         is_label = labels[:, None] == np.array(groups.labels)
         return np.hstack([is_label * lines, is_label[:, 1:]])
 
-    def build_basis(self, column: NDArray[np.generic]) -> Floats:
+    def build_smooth_columns(self, column: NDArray[np.generic]) -> Floats:
         """Columns of the smooth, each zero in the middle of the range.
 
         They are cubic B-splines, or one column per label.
@@ -110,7 +110,7 @@ class CovariateRange:
             is_label = [column == label for label in self.labels[1:]]
             return np.stack(is_label, axis=1) + mean[:, None]
         if self.smooth_column_count < PIECES:
-            return self.build_line(column) ** np.arange(1, self.smooth_column_count + 1)
+            return self.build_line_column(column) ** np.arange(1, self.smooth_column_count + 1)
         # a constant belongs to the nominal model: one spline goes, the rest vanish in the middle
         knots = np.concatenate([np.zeros(3), np.linspace(0.0, 1.0, PIECES - 1), np.ones(3)])
         splines = BSpline(knots, np.eye(PIECES + 1), 3)

@@ -21,22 +21,24 @@ def make_amplitude(name: str) -> Parameter:
     return Parameter(name, "1", 0.0, -3.0, 3.0, 0.1)
 
 
-def make_amplitudes(names: Names) -> tuple[Parameter, ...]:
+def make_amplitudes(parameter_names: Names) -> tuple[Parameter, ...]:
     """Make the amplitudes of a shape of several columns or labels."""
-    return tuple(map(make_amplitude, names))
+    return tuple(map(make_amplitude, parameter_names))
 
 
-def take_values(values: Mapping[str, float], names: Names) -> Floats:
+def select_parameter_values(values: Mapping[str, float], parameter_names: Names) -> Floats:
     """Return the values of some parameters, shape (len(names),)."""
-    return np.array([values[name] for name in names])
+    return np.array([values[name] for name in parameter_names])
 
 
-def read_numbers(column: NDArray[np.generic]) -> Floats:
+def convert_to_floats(column: NDArray[np.generic]) -> Floats:
     """Read a column of the table of trials as numbers."""
     return np.asarray(column, dtype=np.float64)
 
 
-def make_column_size(basis: Callable[[NDArray[np.generic]], Floats], names: Names) -> Size:
+def make_size_from_columns(
+    build_columns: Callable[[NDArray[np.generic]], Floats], amplitude_names: Names
+) -> Size:
     """Make the size of a change that is a sum of columns, each times its amplitude.
 
     A fit asks for the same column hundreds of times; the reference that is kept makes its identity
@@ -49,8 +51,8 @@ def make_column_size(basis: Callable[[NDArray[np.generic]], Floats], names: Name
         """Return the sum of the columns, each times its amplitude, shape (n,)."""
         nonlocal last_column, columns
         if last_column is not column:
-            last_column, columns = column, basis(column)
-        return np.asarray(columns @ take_values(values, names))
+            last_column, columns = column, build_columns(column)
+        return np.asarray(columns @ select_parameter_values(values, amplitude_names))
 
     return follow
 
@@ -68,7 +70,7 @@ def is_nearly_binary(covariate: CovariateRange) -> bool:
     return covariate.distinct <= 2 or covariate.name == "pause_s"
 
 
-def name_covariate(covariate: CovariateRange) -> str:
+def format_covariate_name(covariate: CovariateRange) -> str:
     """Name a column in a sentence, without its unit."""
     if covariate.name == RUN:
         return "order of the run"

@@ -14,14 +14,14 @@ from stepblocks.rig.state import DragState, Floats
 Change = Callable[[DragState, Floats], DragState]
 
 
-def _make_scaling(between: tuple[float, float] | None = None, **powers: float) -> Change:
+def _make_scaling_change(size_bounds: tuple[float, float] | None = None, **powers: float) -> Change:
     """Make a change that multiplies each slot by a power of exp g, with g held in bounds."""
 
     def scale(state: DragState, g: Floats) -> DragState:
         """Return the state with each slot multiplied by its power of exp g."""
         held = g
-        if between is not None:
-            held = np.clip(g, *between)
+        if size_bounds is not None:
+            held = np.clip(g, *size_bounds)
         slots = {}
         for slot, power in powers.items():
             slots[slot] = getattr(state, slot) * np.exp(power * held)
@@ -30,30 +30,31 @@ def _make_scaling(between: tuple[float, float] | None = None, **powers: float) -
     return scale
 
 
-def make_shift(*slots: str, by: float = 0.1) -> Change:
-    """Make a change that adds `by` times g to each slot, in its unit."""
+def make_shift_change(*slots: str, unit: float = 0.1) -> Change:
+    """Make a change that adds g times `unit` to each slot."""
 
     def shift(state: DragState, g: Floats) -> DragState:
         """Return the state with `by` times g added to each slot."""
         shifted = {}
         for slot in slots:
-            shifted[slot] = getattr(state, slot) + by * g
+            shifted[slot] = getattr(state, slot) + unit * g
         return state.changed(**shifted)
 
     return shift
 
 
-def _scale_seen_load(state: DragState, g: Floats) -> DragState:
+def _scale_load_seen_by_gauge(state: DragState, log_factor: Floats) -> DragState:
     """Multiply the load by exp g, as the normal gauge sees it."""
     weight = state.set_load + state.sensed_offset
     return state.changed(
-        load=state.load * np.exp(g), sensed_offset=state.sensed_offset + weight * np.expm1(g)
+        load=state.load * np.exp(log_factor),
+        sensed_offset=state.sensed_offset + weight * np.expm1(log_factor),
     )
 
 
-def _scale_climb_load(state: DragState, g: Floats) -> DragState:
+def _scale_load_while_climbing(state: DragState, log_factor: Floats) -> DragState:
     """Multiply the load by exp g while the tip climbs."""
-    return state.changed(climb_load=state.climb_load + state.set_load * np.expm1(g))
+    return state.changed(climb_load=state.climb_load + state.set_load * np.expm1(log_factor))
 
 
 class Move(NamedTuple):
@@ -82,82 +83,100 @@ SLOT_MOVES = {
     "radius": Move(
         "contact_geometry",
         "(R + r) exp g",
-        _make_scaling((-1.0, 1.5), radius=1),
+        _make_scaling_change((-1.0, 1.5), radius=1),
         "the radius of tip and edge",
     ),
     "height": Move(
-        "contact_geometry", "H + 10 um g", make_shift("height", by=1e-5), "the height of the step"
+        "contact_geometry",
+        "H + 10 um g",
+        make_shift_change("height", unit=1e-5),
+        "the height of the step",
     ),
-    "friction": Move("friction", "mu exp g", _make_scaling((-4.0, 2.0), friction=1), "friction"),
+    "friction": Move(
+        "friction", "mu exp g", _make_scaling_change((-4.0, 2.0), friction=1), "friction"
+    ),
     "edge_friction": Move(
         "friction",
         "mu exp g on the edge",
-        _make_scaling((-4.0, 2.0), edge_factor=1),
+        _make_scaling_change((-4.0, 2.0), edge_factor=1),
         "friction on the edge",
     ),
     "load": Move(
         "normal_load",
         "F_py exp g, unseen by the gauge",
-        _make_scaling(load=1),
+        _make_scaling_change(load=1),
         "the load, unseen by its gauge,",
     ),
-    "seen_load": Move("normal_load", "F_py exp g, seen by the gauge", _scale_seen_load, "the load"),
+    "seen_load": Move(
+        "normal_load", "F_py exp g, seen by the gauge", _scale_load_seen_by_gauge, "the load"
+    ),
     "load_offset": Move(
         "normal_load",
         "F_py + 0.1 N g",
-        make_shift("load", "sensed_offset"),
+        make_shift_change("load", "sensed_offset"),
         "an offset of the load",
     ),
     "climb_load": Move(
         "normal_load",
         "F_py exp g while climbing",
-        _scale_climb_load,
+        _scale_load_while_climbing,
         "the load while the tip climbs",
     ),
     "stiffness": Move(
-        "stiffness", "k exp g", _make_scaling(stiffness=1, ring_stiffness=1), "the stiffness"
+        "stiffness", "k exp g", _make_scaling_change(stiffness=1, ring_stiffness=1), "the stiffness"
     ),
     "weighed_stiffness": Move(
         "stiffness",
         "k exp g, energies weighed with it",
-        _make_scaling(stiffness=1, ring_stiffness=1, conversion=-1),
+        _make_scaling_change(stiffness=1, ring_stiffness=1, conversion=-1),
         "the stiffness, with which energies are weighed,",
     ),
     # the amplitude of a ring that keeps its pitch counts on the declared spring all the same
     "ramp_stiffness": Move(
         "stiffness",
         "k exp g, pitch unchanged",
-        _make_scaling(stiffness=1, conversion=1),
+        _make_scaling_change(stiffness=1, conversion=1),
         "the stiffness of the ramp",
     ),
-    "conversion": Move("conversion", "C_v exp g", _make_scaling(conversion=1), "conversion"),
-    "drag": Move("drag", "F_x + 0.1 N g", make_shift("drag"), "a drag beside friction"),
+    "conversion": Move("conversion", "C_v exp g", _make_scaling_change(conversion=1), "conversion"),
+    "drag": Move("drag", "F_x + 0.1 N g", make_shift_change("drag"), "a drag beside friction"),
     "climb_drag": Move(
-        "drag", "F_px + 0.1 N g", make_shift("climb_drag"), "a drag while the tip climbs"
+        "drag", "F_px + 0.1 N g", make_shift_change("climb_drag"), "a drag while the tip climbs"
     ),
-    "pitch": Move("ring", "f exp g", _make_scaling(frequency=1), "the frequency of the ring"),
+    "pitch": Move(
+        "ring", "f exp g", _make_scaling_change(frequency=1), "the frequency of the ring"
+    ),
     "damping": Move(
-        "ring", "rate of decay exp g", _make_scaling(damping=1), "the damping of the ring"
+        "ring", "rate of decay exp g", _make_scaling_change(damping=1), "the damping of the ring"
     ),
     "gain": Move(
-        "sensor", "gauge gain exp g", _make_scaling(gain=1), "the gain of the tangential gauge"
+        "sensor",
+        "gauge gain exp g",
+        _make_scaling_change(gain=1),
+        "the gain of the tangential gauge",
     ),
     "zero": Move(
-        "sensor", "F_x shown + 0.1 N g", make_shift("zero"), "the zero of the tangential gauge"
+        "sensor",
+        "F_x shown + 0.1 N g",
+        make_shift_change("zero"),
+        "the zero of the tangential gauge",
     ),
     "normal_gain": Move(
         "sensor",
         "F_y shown exp g",
-        _make_scaling(normal_gain=1),
+        _make_scaling_change(normal_gain=1),
         "the gain of the normal gauge",
     ),
     "normal_zero": Move(
-        "sensor", "F_y shown + 0.1 N g", make_shift("normal_zero"), "the zero of the normal gauge"
+        "sensor",
+        "F_y shown + 0.1 N g",
+        make_shift_change("normal_zero"),
+        "the zero of the normal gauge",
     ),
     "cross_talk": Move(
         "sensor",
         "F_x shown + 0.1 g F_y",
-        make_shift("cross_talk"),
+        make_shift_change("cross_talk"),
         "the cross-talk of the tangential gauge",
     ),
 }

@@ -4,11 +4,15 @@ from dataclasses import replace
 
 from stepblocks.lawsearch.law import Law, SizedChange
 from stepblocks.rig.effects.grammar.covariates import CovariateRange
-from stepblocks.rig.effects.grammar.parts import make_amplitudes, make_column_size, name_covariate
+from stepblocks.rig.effects.grammar.parts import (
+    format_covariate_name,
+    make_amplitudes,
+    make_size_from_columns,
+)
 from stepblocks.rig.effects.grammar.slots import MAIN_SLOTS, SLOT_MOVES
 
 
-def list_group_lines(slot: str, covariate: CovariateRange) -> list[Law]:
+def list_group_line_laws(slot: str, covariate: CovariateRange) -> list[Law]:
     """List the lines of a slot over a number, one for each label of another column.
 
     Over a number that is laid out by its logarithm they are powers, and the lines over the number
@@ -18,14 +22,14 @@ def list_group_lines(slot: str, covariate: CovariateRange) -> list[Law]:
         return []
     groups, number = covariate.pair
     if not number.log:
-        return [_make_group_lines(slot, covariate)]
+        return [_make_group_line_law(slot, covariate)]
     straight = replace(covariate, pair=(groups, replace(number, log=False)))
-    powers = _make_group_lines(slot, covariate)
-    lines = _make_group_lines(slot, straight)
+    powers = _make_group_line_law(slot, covariate)
+    lines = _make_group_line_law(slot, straight)
     return [powers, replace(lines, id=f"{lines.id}~line", rank=17)]
 
 
-def _make_group_lines(slot: str, covariate: CovariateRange) -> Law:
+def _make_group_line_law(slot: str, covariate: CovariateRange) -> Law:
     """Make the law of a slot that follows a number along a line of its own for each label."""
     move = SLOT_MOVES[slot]
     groups, number = covariate.pair
@@ -35,10 +39,10 @@ def _make_group_lines(slot: str, covariate: CovariateRange) -> Law:
     slopes = [f"slope[{label}]" for label in groups.labels]
     levels = [f"level[{label}]" for label in groups.labels[1:]]
     names = (*slopes, *levels)
-    lines = make_column_size(covariate.build_group_lines, names)
+    lines = make_size_from_columns(covariate.build_group_line_columns, names)
     change = SizedChange(move.change, lines)
     description = (
-        f"{move.words} follows the {name_covariate(number)} along {curve} for each "
+        f"{move.words} follows the {format_covariate_name(number)} along {curve} for each "
         f"{groups.name}, slopes, and levels above the first:"
     )
     return Law(

@@ -13,41 +13,43 @@ from stepblocks.rig.effects.grammar.parts import (
     Names,
     Size,
     can_locate_change,
-    read_numbers,
-    take_values,
+    convert_to_floats,
+    select_parameter_values,
 )
 from stepblocks.rig.effects.grammar.slots import (
     JUMPING_SLOTS,
     MAIN_SLOTS,
     SLOT_MOVES,
-    make_shift,
+    make_shift_change,
 )
 from stepblocks.rig.state import Floats
 
 _LEVELS = ("second", "third", "fourth", "fifth")
 
 
-def list_jumps(slot: str, covariate: CovariateRange) -> list[Law]:
+def list_jump_laws(slot: str, covariate: CovariateRange) -> list[Law]:
     """List the jump of a slot over a covariate, and along the run also several levels."""
     if not can_locate_change(covariate):
         return []
     is_run = covariate.name == RUN
     if slot == "radius" and is_run:
-        return [_make_chip(covariate)]
+        return [_make_tip_chip_law(covariate)]
     if slot in JUMPING_SLOTS and is_run:
-        laws = [_make_jump(slot, covariate)]
+        laws = [_make_jump_law(slot, covariate)]
         for count in range(3, len(_LEVELS) + 2):
-            laws.append(_make_levels(slot, covariate, count))
+            laws.append(_make_levels_law(slot, covariate, count))
         return laws
     if slot in MAIN_SLOTS:
-        return [_make_jump(slot, covariate)]
+        return [_make_jump_law(slot, covariate)]
     return []
 
 
-def make_step_size(covariate: CovariateRange, sizes: Names, places: Names) -> Size:
+def make_step_size_function(
+    covariate: CovariateRange, level_names: Names, place_names: Names
+) -> Size:
     """Make the size of a change from level to level where a covariate passes the places.
 
-    `sizes` and `places` are the names of the parameters; each size counts from the first level.
+    The names are those of the parameters; each size counts from the first level.
     The change itself is as wide as two readings are apart: a place between them leaves both at
     their levels, and any other lets a fit see which way to go.
     """
@@ -55,9 +57,9 @@ def make_step_size(covariate: CovariateRange, sizes: Names, places: Names) -> Si
 
     def step(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
         """Return the level of each trial, shape (n,)."""
-        numbers = read_numbers(column)
-        past = numbers[:, None] - take_values(values, places)
-        levels = take_values(values, sizes)
+        numbers = convert_to_floats(column)
+        past = numbers[:, None] - select_parameter_values(values, place_names)
+        levels = select_parameter_values(values, level_names)
         rises = np.diff(levels, prepend=0.0)
         way = np.clip(past / width + 0.5, 0.0, 1.0)
         passed = way**2 * (3.0 - 2.0 * way)
@@ -66,7 +68,7 @@ def make_step_size(covariate: CovariateRange, sizes: Names, places: Names) -> Si
     return step
 
 
-def make_step_place(covariate: CovariateRange) -> Parameter:
+def make_jump_place_parameter(covariate: CovariateRange) -> Parameter:
     """Make the place along a covariate at which something changes at once."""
     name = "at"
     if covariate.name == RUN:
@@ -77,29 +79,29 @@ def make_step_place(covariate: CovariateRange) -> Parameter:
 
 
 def list_start_places(
-    covariate: CovariateRange, places: Names, shares: NDArray[np.float64]
+    covariate: CovariateRange, place_names: Names, range_shares: NDArray[np.float64]
 ) -> tuple[dict[str, float], ...]:
     """List the places at which a search begins, by shares of the range, shape (n, places)."""
     reach = covariate.high - covariate.low
     shapes = []
-    for row in shares.tolist():
+    for row in range_shares.tolist():
         shape = {}
-        for name, share in zip(places, row, strict=True):
+        for name, share in zip(place_names, row, strict=True):
             shape[name] = covariate.low + reach * share
         shapes.append(shape)
     return tuple(shapes)
 
 
-def _make_jump(slot: str, covariate: CovariateRange) -> Law:
+def _make_jump_law(slot: str, covariate: CovariateRange) -> Law:
     """Make the law of a slot that changes at once where a covariate passes a value."""
     move = SLOT_MOVES[slot]
-    place = make_step_place(covariate)
+    place = make_jump_place_parameter(covariate)
     size = Parameter("step", "1", 0.0, -3.0, 3.0, 0.1)
     shares = np.arange(0.5, STEP_SHAPES)[:, None] / STEP_SHAPES
     words = ""
     if covariate.name != RUN:
         words = f"a {covariate.name.replace('_', ' ')} of "
-    step = make_step_size(covariate, (size.name,), (place.name,))
+    step = make_step_size_function(covariate, (size.name,), (place.name,))
     change = SizedChange(move.change, step)
     description = f"{move.words} changes at once: by {{}} in ln, from {words}{{}} on"
     return Law(
@@ -118,13 +120,13 @@ def _make_jump(slot: str, covariate: CovariateRange) -> Law:
     )
 
 
-def _make_chip(covariate: CovariateRange) -> Law:
+def _make_tip_chip_law(covariate: CovariateRange) -> Law:
     """Make the law of a tip radius that changes at once along the run."""
-    place = make_step_place(covariate)
+    place = make_jump_place_parameter(covariate)
     size = Parameter("radius_step_m", "m", 0.0, -1e-4, 3e-4, 3e-6)
     shares = np.arange(0.5, STEP_SHAPES)[:, None] / STEP_SHAPES
-    step = make_step_size(covariate, (size.name,), (place.name,))
-    change = SizedChange(make_shift("radius", by=1.0), step)
+    step = make_step_size_function(covariate, (size.name,), (place.name,))
+    change = SizedChange(make_shift_change("radius", unit=1.0), step)
     return Law(
         "tip_chip",
         f"R + w from one value of {covariate.name} on",
@@ -139,14 +141,14 @@ def _make_chip(covariate: CovariateRange) -> Law:
     )
 
 
-def _make_levels(slot: str, covariate: CovariateRange, levels: int) -> Law:
+def _make_levels_law(slot: str, covariate: CovariateRange, level_count: int) -> Law:
     """Make the law of a slot that goes from level to level along the run."""
     move = SLOT_MOVES[slot]
     size = Parameter("step", "1", 0.0, -3.0, 3.0, 0.1)
-    place = make_step_place(covariate)
+    place = make_jump_place_parameter(covariate)
     parameters: list[Parameter] = []
     sizes, places = [], []
-    for level in _LEVELS[: levels - 1]:
+    for level in _LEVELS[: level_count - 1]:
         size_name = f"{size.name}[{level}]"
         place_name = f"{place.name}[{level}]"
         sizes.append(size_name)
@@ -154,14 +156,14 @@ def _make_levels(slot: str, covariate: CovariateRange, levels: int) -> Law:
         parameters.append(replace(size, name=size_name))
         parameters.append(replace(place, name=place_name))
     # where a search begins
-    shares = np.arange(1, levels)[None] / levels
-    step = make_step_size(covariate, tuple(sizes), tuple(places))
+    shares = np.arange(1, level_count)[None] / level_count
+    step = make_step_size_function(covariate, tuple(sizes), tuple(places))
     change = SizedChange(move.change, step)
     description = (
         f"{move.words} goes from level to level along the run, by ln above the first and from:"
     )
     return Law(
-        f"step_{slot}_{covariate.name}~{levels}",
+        f"step_{slot}_{covariate.name}~{level_count}",
         f"{move.form}, g from one value of {covariate.name} on",
         tuple(parameters),
         change,

@@ -5,15 +5,15 @@ from dataclasses import replace
 from stepblocks.lawsearch.law import Law, SizedChange
 from stepblocks.rig.effects.grammar.covariates import RUN, CovariateRange
 from stepblocks.rig.effects.grammar.parts import (
+    format_covariate_name,
     is_nearly_binary,
     make_amplitude,
-    make_column_size,
-    name_covariate,
+    make_size_from_columns,
 )
 from stepblocks.rig.effects.grammar.slots import JUMPING_SLOTS, MAIN_SLOTS, SLOT_MOVES
 
 
-def list_lines(slot: str, covariate: CovariateRange) -> list[Law]:
+def list_line_laws(slot: str, covariate: CovariateRange) -> list[Law]:
     """List the line of a slot over a covariate.
 
     Over a covariate that is laid out by its logarithm that is a power, and the line over its
@@ -23,13 +23,13 @@ def list_lines(slot: str, covariate: CovariateRange) -> list[Law]:
         return []
     if is_nearly_binary(covariate) and not covariate.pair:
         return []
-    laws = [_make_line(slot, covariate)]
+    laws = [_make_line_law(slot, covariate)]
     if covariate.log and slot in MAIN_SLOTS and covariate.distinct > 2:
-        laws.append(_make_line_over_numbers(slot, replace(covariate, log=False)))
+        laws.append(_make_plain_line_law(slot, replace(covariate, log=False)))
     return laws
 
 
-def _make_line(slot: str, covariate: CovariateRange) -> Law:
+def _make_line_law(slot: str, covariate: CovariateRange) -> Law:
     """Make the law of a slot that follows a covariate along a straight line."""
     move = SLOT_MOVES[slot]
     is_drift = covariate.name == RUN and slot in JUMPING_SLOTS
@@ -37,7 +37,9 @@ def _make_line(slot: str, covariate: CovariateRange) -> Law:
     if covariate.log:
         followed = f"ln {covariate.name}"
     slope = make_amplitude("slope")
-    change = SizedChange(move.change, make_column_size(covariate.build_line, (slope.name,)))
+    change = SizedChange(
+        move.change, make_size_from_columns(covariate.build_line_column, (slope.name,))
+    )
     shape = ""
     description = ""
     if is_drift:
@@ -45,12 +47,15 @@ def _make_line(slot: str, covariate: CovariateRange) -> Law:
     elif covariate.log:
         shape = "power"
         description = (
-            f"{move.words} follows a power of the {name_covariate(covariate)}: by ln, over half "
+            f"{move.words} follows a power of the {format_covariate_name(covariate)}: by ln, "
+            f"over half "
             "the range of the power"
         )
     elif not covariate.pair:
         shape = "line"
-        description = f"{move.words} follows the {name_covariate(covariate)} along a line, slope"
+        description = (
+            f"{move.words} follows the {format_covariate_name(covariate)} along a line, slope"
+        )
     return Law(
         f"trend_{slot}_{covariate.name}",
         f"{move.form}, g a straight line over {followed}",
@@ -65,7 +70,7 @@ def _make_line(slot: str, covariate: CovariateRange) -> Law:
     )
 
 
-def _make_line_over_numbers(slot: str, covariate: CovariateRange) -> Law:
+def _make_plain_line_law(slot: str, covariate: CovariateRange) -> Law:
     """Make the law of a line over a covariate whose power is another law."""
-    line = _make_line(slot, covariate)
+    line = _make_line_law(slot, covariate)
     return replace(line, id=f"{line.id}~line", rank=11)

@@ -6,10 +6,10 @@ from numpy.typing import NDArray
 from stepblocks.lawsearch.law import Law, SizedChange
 from stepblocks.rig.effects.grammar.covariates import CovariateRange
 from stepblocks.rig.effects.grammar.parts import (
+    convert_to_floats,
+    format_covariate_name,
     make_amplitude,
-    make_column_size,
-    name_covariate,
-    read_numbers,
+    make_size_from_columns,
 )
 from stepblocks.rig.effects.grammar.slots import MAIN_SLOTS, SLOT_MOVES
 from stepblocks.rig.state import Floats
@@ -18,30 +18,30 @@ _SET = ("height_um", "load_n", "speed_mm_s")
 _LEAST_RATIO = 1.5  # of the ends of a range, below which a reciprocal is a straight line
 
 
-def list_reciprocals(slot: str, covariate: CovariateRange) -> list[Law]:
+def list_reciprocal_laws(slot: str, covariate: CovariateRange) -> list[Law]:
     """List the reciprocal of a slot over what is set on the bench."""
     if slot not in MAIN_SLOTS or covariate.name not in _SET or covariate.distinct < 3:
         return []
     if covariate.low <= 0.0 or covariate.high < _LEAST_RATIO * covariate.low:
         return []
-    return [_make_reciprocal(slot, covariate)]
+    return [_make_reciprocal_law(slot, covariate)]
 
 
-def _make_reciprocal(slot: str, covariate: CovariateRange) -> Law:
+def _make_reciprocal_law(slot: str, covariate: CovariateRange) -> Law:
     """Make the law of a reciprocal of a covariate, zero at the logarithmic middle of its range."""
     move = SLOT_MOVES[slot]
     middle = float(np.sqrt(covariate.low * covariate.high))
 
     def invert(column: NDArray[np.generic]) -> Floats:
         """Return the reciprocal of the covariate, zero at the middle, shape (n, 1)."""
-        numbers = read_numbers(column)
+        numbers = convert_to_floats(column)
         inside = np.clip(numbers, covariate.low, covariate.high)
         excess = middle / inside - 1.0
         return excess[:, None]
 
-    change = SizedChange(move.change, make_column_size(invert, ("share",)))
+    change = SizedChange(move.change, make_size_from_columns(invert, ("share",)))
     description = (
-        f"{move.words} has a part that falls with the {name_covariate(covariate)} as "
+        f"{move.words} has a part that falls with the {format_covariate_name(covariate)} as "
         "its reciprocal: share"
     )
     return Law(

@@ -7,7 +7,11 @@ from numpy.typing import NDArray
 
 from stepblocks.lawsearch.law import Law, Parameter, SizedChange
 from stepblocks.rig.effects.grammar.covariates import RUN, CovariateRange
-from stepblocks.rig.effects.grammar.parts import can_locate_change, make_amplitude, read_numbers
+from stepblocks.rig.effects.grammar.parts import (
+    can_locate_change,
+    convert_to_floats,
+    make_amplitude,
+)
 from stepblocks.rig.effects.grammar.slots import MAIN_SLOTS, SLOT_MOVES
 from stepblocks.rig.state import Floats
 
@@ -15,23 +19,23 @@ _SHARES = (0.04, 0.1, 0.25)  # of the run, over which a search lets a slot settl
 _LEAST_SHARE, _LARGEST_SHARE = 0.01, 0.5  # over which it may settle; later it is a drift
 
 
-def list_settlings(slot: str, covariate: CovariateRange) -> list[Law]:
+def list_settling_laws(slot: str, covariate: CovariateRange) -> list[Law]:
     """List the settling of a slot along the run; that of friction has a name of its own."""
     if covariate.name != RUN or slot not in MAIN_SLOTS or slot == "friction":
         return []
     if not can_locate_change(covariate):
         return []
-    return [_make_settling(slot, covariate)]
+    return [_make_settling_law(slot, covariate)]
 
 
-def _make_settling(slot: str, covariate: CovariateRange) -> Law:
+def _make_settling_law(slot: str, covariate: CovariateRange) -> Law:
     """Make the law of a slot that settles within half the run; a slower change is a drift."""
     move = SLOT_MOVES[slot]
     reach = covariate.high - covariate.low
 
     def settle(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
         """Return the excess that is left in each trial, shape (n,)."""
-        passed = read_numbers(column) - covariate.low
+        passed = convert_to_floats(column) - covariate.low
         fading = np.exp(-passed / values["settling_trials"])
         return np.asarray(values["excess"] * fading)
 

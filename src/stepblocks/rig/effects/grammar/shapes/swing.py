@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from stepblocks.lawsearch.law import Law, Parameter, SizedChange
 from stepblocks.rig.effects.grammar.covariates import RUN, CovariateRange
-from stepblocks.rig.effects.grammar.parts import can_locate_change, read_numbers
+from stepblocks.rig.effects.grammar.parts import can_locate_change, convert_to_floats
 from stepblocks.rig.effects.grammar.slots import JUMPING_SLOTS, SLOT_MOVES
 from stepblocks.rig.state import Floats
 
@@ -18,14 +18,14 @@ _SWINGING = (*JUMPING_SLOTS, "seen_load", "stiffness", "gain", "zero")
 _MOST_TURNS_BESIDE = 40  # of slots that do not scatter from trial to trial
 
 
-def list_swings(slot: str, covariate: CovariateRange) -> list[Law]:
+def list_swing_laws(slot: str, covariate: CovariateRange) -> list[Law]:
     """List the swing of a slot along the run."""
     if covariate.name != RUN or slot not in _SWINGING or not can_locate_change(covariate):
         return []
-    return [_make_swing(slot, covariate)]
+    return [_make_swing_law(slot, covariate)]
 
 
-def _make_swing(slot: str, covariate: CovariateRange) -> Law:
+def _make_swing_law(slot: str, covariate: CovariateRange) -> Law:
     """Make the law of a slot that swings along the run.
 
     Any period from a few trials to three quarters of the run may be found: what went up and down
@@ -39,7 +39,7 @@ def _make_swing(slot: str, covariate: CovariateRange) -> Law:
 
     def swing(order: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
         """Return the deflection of the swing in each trial, shape (n,)."""
-        phase = 2.0 * np.pi * read_numbers(order) / values["period_trials"]
+        phase = 2.0 * np.pi * convert_to_floats(order) / values["period_trials"]
         in_phase = values["cosine"] * np.cos(phase)
         in_quadrature = values["sine"] * np.sin(phase)
         return np.asarray(in_phase + in_quadrature)
