@@ -387,12 +387,12 @@ class _TrialGroups:
     def find_flagged_groups(self) -> dict[int, str]:
         """Find the flagged rows whose group is mostly flagged; the most flagged names them."""
 
-        def rank(labels: Labels) -> tuple[float, int]:
+        def make_sort_key(labels: Labels) -> tuple[float, int]:
             """Return a key that is least for the largest flagged share and the fewest labels."""
             return -self._flagged_counts[labels] / self._counts[labels], len(labels)
 
         shared = dict(self._shared)
-        for labels in sorted(self._counts, key=rank):
+        for labels in sorted(self._counts, key=make_sort_key):
             if not self._is_mostly_flagged(labels):
                 continue
             name = "trials of " + ", ".join(f"{column} {value}" for column, value in labels)

@@ -413,7 +413,7 @@ def _refuse_cluster_of_other_versions(client: "Client", versions: Versions) -> N
 
 
 def _refuse_other_versions(
-    expected_versions: Versions, found_versions: Versions, place: str
+    expected_versions: Versions, found_versions: Versions, place_in_message: str
 ) -> None:
     """Refuse a place of a cluster where a version is not that of the client, and name both."""
     differences = []
@@ -424,7 +424,7 @@ def _refuse_other_versions(
     if differences:
         raise PipelineError(
             "the cluster must have the code and libraries of the client, got "
-            f"{'; '.join(differences)} [{place}]"
+            f"{'; '.join(differences)} [{place_in_message}]"
         )
 
 

@@ -232,10 +232,10 @@ class _View:
         """Find the inner products of turned changes of shape (n, c, k)."""
         flat = turned.reshape(-1, turned.shape[2])
 
-        def multiply(rows: Floats) -> Floats:
+        def multiply_with_changes(rows: Floats) -> Floats:
             return np.asarray(rows.reshape(len(flat), -1).T @ flat)
 
-        return self._combine_inner_products(flat.T @ flat, multiply)
+        return self._combine_inner_products(flat.T @ flat, multiply_with_changes)
 
     def compute_sized_inner_products(self, turned: Floats, sizes: Floats) -> "_Seen":
         """Find the inner products of changes by one number per trial.
@@ -249,11 +249,13 @@ class _View:
         """
         square = np.sum(turned**2, axis=1)
 
-        def multiply(rows: Floats) -> Floats:
+        def multiply_with_changes(rows: Floats) -> Floats:
             of_trials = (turned[:, None, :] @ rows)[:, 0]
             return np.asarray(of_trials.T @ sizes)
 
-        return self._combine_inner_products((sizes * square[:, None]).T @ sizes, multiply)
+        return self._combine_inner_products(
+            (sizes * square[:, None]).T @ sizes, multiply_with_changes
+        )
 
     def _combine_inner_products(self, own: Floats, multiply: Callable[[Floats], Floats]) -> "_Seen":
         """Combine the products of changes with themselves and with the vectors of the view."""

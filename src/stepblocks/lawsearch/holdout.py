@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from stepblocks.lawsearch.findings import Rules
-from stepblocks.lawsearch.fit import build_problem, fit
+from stepblocks.lawsearch.fit import build_problem, fit_with_effects
 from stepblocks.lawsearch.forward_model import Floats, ForwardModel, Trials
 from stepblocks.lawsearch.law import Law
 from stepblocks.lawsearch.problem import Fit, Problem
@@ -119,15 +119,15 @@ def split_by_block(trials: Trials, fold_limit: int) -> list[Rows]:
     return _list_rows_by_fold(number % fold_limit, folds)
 
 
-def select_other_trials(trials: Trials, rows: Rows) -> Trials:
-    """Return the trials that a fold leaves: all but those in `rows`."""
-    return trials.take(np.setdiff1d(np.arange(len(trials)), rows))
+def select_other_trials(trials: Trials, held_out_rows: Rows) -> Trials:
+    """Return the trials that a fold leaves: all but those in `held_out_rows`."""
+    return trials.take(np.setdiff1d(np.arange(len(trials)), held_out_rows))
 
 
 def select_effects_without_fold(
     model: ForwardModel,
     trials: Trials,
-    rows: Rows,
+    held_out_rows: Rows,
     list_candidates: ListCandidates,
     rules: Rules,
     fitted_values: Mapping[str, float],
@@ -142,7 +142,7 @@ def select_effects_without_fold(
     model : ForwardModel
     trials : Trials
         All trials.
-    rows : array of int
+    held_out_rows : array of int
         Those held out.
     list_candidates : callable
         Effects that may be asked of a table.
@@ -150,7 +150,7 @@ def select_effects_without_fold(
     fitted_values : Mapping[str, float]
         Values of the fit of all trials.
     """
-    train = select_other_trials(trials, rows)
+    train = select_other_trials(trials, held_out_rows)
     laws = list_candidates(train)
     found = search_effects_and_structure(model, train, laws, rules)
     chosen = tuple(law.id for law in found.extended.effects)
@@ -160,7 +160,7 @@ def select_effects_without_fold(
             of_all_trials[law.id] = law
     if not set(chosen) - set(of_all_trials):
         return chosen
-    whole = fit(found.problem, list(of_all_trials.values()), fitted_values)
+    whole = fit_with_effects(found.problem, list(of_all_trials.values()), fitted_values)
     if whole.criterion <= found.extended.criterion + rules.margin:
         return tuple(of_all_trials)
     return chosen
@@ -206,16 +206,16 @@ class HeldOutPredictor:
         for rows_of_folds in fold_splits:
             self._ways.append(list(map(self._build_fold, rows_of_folds)))
 
-    def _build_fold(self, rows: Rows) -> _Fold:
+    def _build_fold(self, held_out_rows: Rows) -> _Fold:
         """Build the problem of the trials that a fold leaves."""
-        train = select_other_trials(self._trials, rows)
+        train = select_other_trials(self._trials, held_out_rows)
         laws = {law.id: law for law in self._candidates(train)}
-        return _Fold(rows, build_problem(self._compute_curve_for_shape, train), laws)
+        return _Fold(held_out_rows, build_problem(self._compute_curve_for_shape, train), laws)
 
     def compute_held_out_errors(
         self,
         effects: Sequence[Law],
-        start: Mapping[str, float] | None = None,
+        start_values: Mapping[str, float] | None = None,
         prior_shift: float = 0.0,
     ) -> list[Floats]:
         """Compute errors on held-out trials, measured less predicted.
@@ -224,7 +224,7 @@ class HeldOutPredictor:
         ----------
         effects : sequence of Law
             Effects of the model.
-        start : Mapping[str, float], optional
+        start_values : Mapping[str, float], optional
             Where fits begin. Places of sudden changes are held there.
         prior_shift : float
             Prior standard deviations by which the unknown of new specimens is moved.
@@ -238,25 +238,25 @@ class HeldOutPredictor:
         for folds in self._ways:
             error = np.full(self._trials.values.shape, np.nan)
             for fold in folds:
-                predicted = self._predict_fold(fold, effects, start, prior_shift)
+                predicted = self._predict_fold(fold, effects, start_values, prior_shift)
                 error[fold.rows] = self._trials.values[fold.rows] - predicted
             errors.append(error)
         whole = self._nominal
         if effects:
-            whole = fit(self._problem, effects, start)
+            whole = fit_with_effects(self._problem, effects, start_values)
         return [*errors, self._trials.values - whole.predicted]
 
     def _predict_fold(
         self,
         fold: _Fold,
         effects: Sequence[Law],
-        start: Mapping[str, float] | None,
+        start_values: Mapping[str, float] | None,
         prior_shift: float,
     ) -> Floats:
         """Predict the trials that a fold holds out; see `compute_errors`."""
         known = _list_effects_known_to_fold(fold.laws, effects)
-        held = [_fix_jump_places(law, start or {}) for law in known]
-        fitted = fit(fold.problem, held, start)
+        held = [_fix_jump_places(law, start_values or {}) for law in known]
+        fitted = fit_with_effects(fold.problem, held, start_values)
         test = self._trials.take(fold.rows)
         starts = {}
         for p in self._compute_curve_for_shape.parameters(test):

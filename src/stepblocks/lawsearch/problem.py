@@ -223,11 +223,11 @@ class Problem:
 
 
 def _pick_values_at_point(
-    values: Mapping[str, float | Floats], point_index: int
+    point_values: Mapping[str, float | Floats], point_index: int
 ) -> dict[str, float]:
     """Return the values at one of k points; those that are one number hold at all of them."""
     at_point = {}
-    for name, value in values.items():
+    for name, value in point_values.items():
         at_point[name] = (
             float(value[point_index]) if isinstance(value, np.ndarray) else float(value)
         )

@@ -23,7 +23,7 @@ from stepblocks.loop.columns import (
     count_missing_by_column,
     derive_covariates,
     describe_clock_jumps,
-    read_channels,
+    read_channels_and_stds,
     read_covariates,
     read_numeric_column,
 )
@@ -208,7 +208,7 @@ def _build_trials(
     table: pd.DataFrame, covariates: Mapping[str, NDArray[np.generic]], spring_constant: float
 ) -> Trials:
     """Build the trials of a table of usable features."""
-    values, std = read_channels(table, spring_constant)
+    values, std = read_channels_and_stds(table, spring_constant)
     # a peak without an uncertainty is a bound, and its trial measures no energy; where the normal
     # gauge alone was saturated both are whole
     censored = (table["status"] == CENSORED).to_numpy()

@@ -362,10 +362,10 @@ def pool_shared_parameters(fitted: Fit, sessions: Sequence[str]) -> dict[str, Po
 
 
 def _pool_on_natural_scale(
-    name: str, unit: str, session_values: Mapping[str, float], covariance: Floats
+    parameter_name: str, unit: str, session_values: Mapping[str, float], covariance: Floats
 ) -> PooledParameter:
     """Pool a parameter; one that is positive by nature as a logarithm, so that it stays so."""
-    if name not in _POSITIVE or min(session_values.values()) <= 0.0:
+    if parameter_name not in _POSITIVE or min(session_values.values()) <= 0.0:
         return pool_parameter(unit, session_values, covariance)
     numbers = np.array(list(session_values.values()))
     logarithms = {session: math.log(value) for session, value in session_values.items()}
@@ -509,7 +509,7 @@ def loop_sessions(
         differ, or the output cannot be written.
     """
     folders = _map_names_to_folders(sessions)
-    _refuse_different_probes(folders)
+    _refuse_sessions_of_different_probes(folders)
     output = Path(output)
     with lock_folder(output):
         results, tables, summaries = {}, {}, {}
@@ -557,7 +557,7 @@ def _map_names_to_folders(sessions: Sequence[str | Path]) -> dict[str, Path]:
     return folders
 
 
-def _refuse_different_probes(folders: Mapping[str, Path]) -> None:
+def _refuse_sessions_of_different_probes(folders: Mapping[str, Path]) -> None:
     """Refuse sessions whose springs or known laws differ."""
     stated = {}
     for name, folder in folders.items():

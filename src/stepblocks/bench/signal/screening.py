@@ -146,18 +146,18 @@ class _Run(NamedTuple):
     start: int
 
 
-def _find_flat_top_run(values: Array) -> _Run | None:
+def _find_flat_top_run(force: Array) -> _Run | None:
     """Find samples in a row at the highest value, to which the record was still moving."""
-    moves = np.abs(np.diff(values))
+    moves = np.abs(np.diff(force))
     step = float(np.min(moves, where=moves > 0.0, initial=np.inf))
-    top = float(values.max())
-    run = _find_longest_run(values >= top)
+    top = float(force.max())
+    run = _find_longest_run(force >= top)
     if run.length < _FLAT_SAMPLES or run.start < _FLAT_SAMPLES:
         return None
     # noise may touch the top before it stays there: a stretch twice as long tells how far the
     # force had still to go
     least_move = _FLAT_STEPS * (step + float(np.mean(moves[: run.start])))
-    before = values[max(run.start - 2 * run.length, 0) : run.start]
+    before = force[max(run.start - 2 * run.length, 0) : run.start]
     if top - float(np.median(before)) > least_move:
         return run
     return None

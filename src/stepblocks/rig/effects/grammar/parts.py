@@ -47,14 +47,14 @@ def make_size_from_columns(
     last_column: NDArray[np.generic] | None = None
     columns: Floats = np.empty(0)
 
-    def follow(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
+    def sum_weighted_columns(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
         """Return the sum of the columns, each times its amplitude, shape (n,)."""
         nonlocal last_column, columns
         if last_column is not column:
             last_column, columns = column, build_columns(column)
         return np.asarray(columns @ select_parameter_values(values, amplitude_names))
 
-    return follow
+    return sum_weighted_columns
 
 
 def can_locate_change(covariate: CovariateRange) -> bool:

@@ -55,7 +55,7 @@ def make_step_size_function(
     """
     width = covariate.spacing
 
-    def step(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
+    def compute_levels(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
         """Return the level of each trial, shape (n,)."""
         numbers = convert_to_floats(column)
         past = numbers[:, None] - select_parameter_values(values, place_names)
@@ -65,7 +65,7 @@ def make_step_size_function(
         passed = way**2 * (3.0 - 2.0 * way)
         return np.asarray(passed @ rises)
 
-    return step
+    return compute_levels
 
 
 def make_jump_place_parameter(covariate: CovariateRange) -> Parameter:
