@@ -21,7 +21,7 @@ from stepblocks.lawsearch.findings import Rules
 from stepblocks.lawsearch.fit import build_problem, fit_with_effects
 from stepblocks.lawsearch.forward_model import Floats, Trials
 from stepblocks.lawsearch.identifiability import find_indistinguishable_effects
-from stepblocks.lawsearch.law import Active, Law, Parameter
+from stepblocks.lawsearch.law import ActiveEffects, Law, Parameter
 from stepblocks.lawsearch.noise import build_noise
 from stepblocks.lawsearch.scatter import Scatter
 
@@ -60,7 +60,9 @@ class Specimens(Toy):
         ]
         return (*super().parameters(trials), *own)
 
-    def predict(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> Floats:
+    def predict(
+        self, trials: Trials, values: Mapping[str, float], effects: ActiveEffects = ()
+    ) -> Floats:
         off = np.array([values[f"off[{one}]"] for one in trials.block])
         return super().predict(trials, values, effects) + np.outer(off, [1.0, 2.0])
 
@@ -223,7 +225,9 @@ class Gauge(Toy):
         level, slope = super().parameters(trials)
         return replace(level, prior_std=self.known), slope
 
-    def predict(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> Floats:
+    def predict(
+        self, trials: Trials, values: Mapping[str, float], effects: ActiveEffects = ()
+    ) -> Floats:
         shown = super().predict(trials, values)
         for effect, own in effects:
             shown = effect.apply(shown, trials, own)

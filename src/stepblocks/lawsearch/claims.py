@@ -14,7 +14,7 @@ from stepblocks.lawsearch.holdout import (
     HeldOutErrors,
     HeldOutPredictor,
     ListCandidates,
-    Rows,
+    RowIndices,
 )
 from stepblocks.lawsearch.law import Law, collect_law_ids, remove_variant_mark
 from stepblocks.lawsearch.noise import Noise
@@ -131,7 +131,9 @@ def _withdraw_all_claims(findings: Sequence[Finding], reason: str) -> tuple[Find
 
 
 def choose_delivered_effects(
-    explanation: Explanation, fold_splits: Sequence[Sequence[Rows]], candidates: ListCandidates
+    explanation: Explanation,
+    fold_splits: Sequence[Sequence[RowIndices]],
+    candidates: ListCandidates,
 ) -> tuple[Explanation, list[HeldOutErrors]]:
     """Predict held-out trials with the model that is delivered, and deliver nothing that is worse.
 

@@ -20,7 +20,7 @@ from stepblocks.lawsearch.search import search_effects_and_structure
 _MOST_OPEN = 5.0
 _PLACE_SLACK = 1e-6  # by which the place of a sudden change may move while it is held
 
-Rows = NDArray[np.intp]
+RowIndices = NDArray[np.intp]
 ListCandidates = Callable[[Trials], Sequence[Law]]  # effects that may be asked of a table
 
 
@@ -83,7 +83,7 @@ def _compute_rms(errors: Floats) -> float:
     return float(np.sqrt(np.mean(finite**2)))
 
 
-def split_within_blocks(trials: Trials, fold_count: int, seed: int = 0) -> list[Rows]:
+def split_within_blocks(trials: Trials, fold_count: int, seed: int = 0) -> list[RowIndices]:
     """Split trials at random so that each fold holds some of every block.
 
     Returns
@@ -101,12 +101,12 @@ def split_within_blocks(trials: Trials, fold_count: int, seed: int = 0) -> list[
     return _list_rows_by_fold(fold, fold_count)
 
 
-def _list_rows_by_fold(fold_of_row: Rows, fold_count: int) -> list[Rows]:
+def _list_rows_by_fold(fold_of_row: RowIndices, fold_count: int) -> list[RowIndices]:
     """List the rows of each fold, by the fold of each row, shape (n,)."""
     return [np.flatnonzero(fold_of_row == number) for number in range(fold_count)]
 
 
-def split_by_block(trials: Trials, fold_limit: int) -> list[Rows]:
+def split_by_block(trials: Trials, fold_limit: int) -> list[RowIndices]:
     """Split trials so that each fold holds whole blocks.
 
     Returns
@@ -119,7 +119,7 @@ def split_by_block(trials: Trials, fold_limit: int) -> list[Rows]:
     return _list_rows_by_fold(number % fold_limit, folds)
 
 
-def select_other_trials(trials: Trials, held_out_rows: Rows) -> Trials:
+def select_other_trials(trials: Trials, held_out_rows: RowIndices) -> Trials:
     """Return the trials that a fold leaves: all but those in `held_out_rows`."""
     return trials.take(np.setdiff1d(np.arange(len(trials)), held_out_rows))
 
@@ -127,7 +127,7 @@ def select_other_trials(trials: Trials, held_out_rows: Rows) -> Trials:
 def select_effects_without_fold(
     model: ForwardModel,
     trials: Trials,
-    held_out_rows: Rows,
+    held_out_rows: RowIndices,
     list_candidates: ListCandidates,
     rules: Rules,
     fitted_values: Mapping[str, float],
@@ -170,7 +170,7 @@ def select_effects_without_fold(
 class _Fold:
     """Trials that are held out, the problem of all others, and the laws they may show, by name."""
 
-    rows: Rows
+    rows: RowIndices
     problem: Problem
     laws: Mapping[str, Law]
 
@@ -194,7 +194,7 @@ class HeldOutPredictor:
         self,
         problem: Problem,
         nominal: Fit,
-        fold_splits: Sequence[Sequence[Rows]],
+        fold_splits: Sequence[Sequence[RowIndices]],
         list_candidates: ListCandidates,
     ) -> None:
         self._problem = problem
@@ -206,7 +206,7 @@ class HeldOutPredictor:
         for rows_of_folds in fold_splits:
             self._ways.append(list(map(self._build_fold, rows_of_folds)))
 
-    def _build_fold(self, held_out_rows: Rows) -> _Fold:
+    def _build_fold(self, held_out_rows: RowIndices) -> _Fold:
         """Build the problem of the trials that a fold leaves."""
         train = select_other_trials(self._trials, held_out_rows)
         laws = {law.id: law for law in self._candidates(train)}

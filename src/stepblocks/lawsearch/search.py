@@ -31,7 +31,7 @@ _LEAST_SMOOTH_GAIN = 10.0  # of the criterion, for which a smooth replaces a law
 _WANDERING_LEVEL = 0.01  # of the test by which a quantity is said to wander
 _EXCHANGE_FITS = 6  # laws, and smooths, that are fitted in the place of another
 
-DeployedError = Callable[[Fit], float]  # error of a fit where it will be used
+DeployedErrorFunction = Callable[[Fit], float]  # error of a fit where it will be used
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ def search_effects_and_structure(
     trials: Trials,
     candidates: Sequence[Law],
     rules: Rules,
-    deployed: DeployedError | None = None,
+    deployed: DeployedErrorFunction | None = None,
     announce: Callable[[str], None] | None = None,
 ) -> SearchResult:
     """Search for effects, then for structure in the residuals.
@@ -186,7 +186,7 @@ def search_effects(
     problem: Problem,
     candidates: Sequence[Law],
     rules: Rules,
-    deployed: DeployedError | None = None,
+    deployed: DeployedErrorFunction | None = None,
     announce: Callable[[str], None] | None = None,
 ) -> SearchResult:
     """Add one effect after another while the gate opens; see `search_effects_and_structure`."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from stepblocks.contact.operating_point import Tool
 from stepblocks.lawsearch.forward_model import Floats, Systematic, Trials
-from stepblocks.lawsearch.law import Active, ActiveAtPoints, Law, Parameter
+from stepblocks.lawsearch.law import ActiveEffects, ActiveEffectsAtPoints, Law, Parameter
 from stepblocks.rig import forward
 from stepblocks.rig.effects.gauges import apply_instrument_constants
 from stepblocks.rig.effects.geometry import make_exchange_law
@@ -73,7 +73,7 @@ def _build_cached_design(
     trials: Trials, spring_constant: float, laws: tuple[tuple[str, Any], ...]
 ) -> BenchDesign:
     """Build what was set on the bench, once for each table of trials."""
-    known_laws = thaw_laws(laws)
+    known_laws = convert_laws_to_dicts(laws)
     return forward.build_bench_design(trials.block, trials.covariates, spring_constant, known_laws)
 
 
@@ -93,7 +93,7 @@ def _repeat_values_per_trial(
     return repeated
 
 
-def thaw_laws(laws: tuple[tuple[str, Any], ...]) -> dict[str, dict[str, Any]]:
+def convert_laws_to_dicts(laws: tuple[tuple[str, Any], ...]) -> dict[str, dict[str, Any]]:
     """Turn the known laws of a model from pairs into numbers by the kind of the law."""
     return {kind: dict(numbers) for kind, numbers in laws}
 
@@ -219,7 +219,10 @@ class SessionModel:
         return errors
 
     def compute_state(
-        self, trials: Trials, values: Mapping[str, float | Floats], effects: ActiveAtPoints = ()
+        self,
+        trials: Trials,
+        values: Mapping[str, float | Floats],
+        effects: ActiveEffectsAtPoints = (),
     ) -> DragState:
         """Fill all slots, effects applied; of several sessions with the constants of each."""
         constants: dict[str, float | Floats] = {**self.known_gauge_constants}
@@ -264,12 +267,14 @@ class SessionModel:
                 parameters.append(p)
         return replace(law, parameters=tuple(parameters))
 
-    def predict(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> Floats:
+    def predict(
+        self, trials: Trials, values: Mapping[str, float], effects: ActiveEffects = ()
+    ) -> Floats:
         """Predict all channels, shape (n, 7)."""
         return compute_shown_channels(self.compute_state(trials, values, effects))
 
     def predict_stack(
-        self, trials: Trials, points: Mapping[str, Floats], effects: ActiveAtPoints = ()
+        self, trials: Trials, points: Mapping[str, Floats], effects: ActiveEffectsAtPoints = ()
     ) -> Floats:
         """Predict all channels at k points of the constants, shape (k, n, 7).
 
@@ -283,7 +288,7 @@ class SessionModel:
         return predicted.reshape(count, len(trials), -1)
 
     def responses(
-        self, trials: Trials, values: Mapping[str, float], effects: Active = ()
+        self, trials: Trials, values: Mapping[str, float], effects: ActiveEffects = ()
     ) -> Floats:
         """Change of the channels with what scatters from trial to trial, shape (n, 7, 3)."""
         return forward.compute_channel_responses(self.compute_state(trials, values, effects))

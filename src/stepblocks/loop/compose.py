@@ -26,7 +26,7 @@ from stepblocks.loop.bench_model import (
     list_candidate_laws,
     list_covariate_ranges,
 )
-from stepblocks.loop.block_scans import Scans
+from stepblocks.loop.block_scans import ScanFiguresByBlock
 from stepblocks.loop.channels import ENERGY, JUDGED, PEAK_FORCE
 from stepblocks.loop.declared_checks import CalibrationCheck
 from stepblocks.loop.experiment import propose_experiment
@@ -83,7 +83,7 @@ def compose_record(
     explanation: Explanation,
     within: Holdout,
     between: Holdout,
-    scans: Scans,
+    scans: ScanFiguresByBlock,
     rules: Rules,
     *,
     checks: Sequence[CalibrationCheck] = (),
@@ -457,7 +457,7 @@ def _make_identifiability_record(explanation: Explanation) -> IdentifiabilityRec
     return IdentifiabilityRecord(**asdict(found), by_the_equations=_BY_THE_EQUATIONS)
 
 
-def _make_scans_record(scans: Scans) -> ScansRecord:
+def _make_scans_record(scans: ScanFiguresByBlock) -> ScansRecord:
     """Record what the scans showed, with the mean edge radius weighed by its uncertainty."""
     blocks = {block: dict(scan) for block, scan in scans.items()}
     edges = pd.DataFrame(

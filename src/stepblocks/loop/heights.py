@@ -38,7 +38,7 @@ def add_height_findings(explanation: Explanation, table: SessionTable) -> Explan
         With a finding for each block that the search has not named, and heights as laws.
     """
     fitted = explanation.extended
-    beyond = _find_blocks_beyond_tolerance(fitted, table)
+    beyond = _compute_p_values_of_excess_heights(fitted, table)
     if not beyond:
         return explanation
     laws = [law for law in list_named_laws(list(beyond)) if law.covariate == "block"]
@@ -70,7 +70,7 @@ def add_height_findings(explanation: Explanation, table: SessionTable) -> Explan
     )
 
 
-def _find_blocks_beyond_tolerance(fitted: Fit, table: SessionTable) -> dict[str, float]:
+def _compute_p_values_of_excess_heights(fitted: Fit, table: SessionTable) -> dict[str, float]:
     """Find the blocks whose height is an effect, with the p values of their heights.
 
     These are unscanned blocks whose height error exceeds its tolerance by 95 %, or that a search

@@ -27,13 +27,13 @@ from stepblocks.lawsearch.explain import explain
 from stepblocks.lawsearch.findings import Explanation, Rules
 from stepblocks.lawsearch.holdout import (
     Holdout,
-    Rows,
+    RowIndices,
     select_effects_without_fold,
     split_by_block,
     split_within_blocks,
 )
 from stepblocks.loop.bench_model import list_covariate_ranges
-from stepblocks.loop.block_scans import ScannedBlocks, Scans, measure_block_scans
+from stepblocks.loop.block_scans import ScanFiguresByBlock, ScannedBlocks, measure_block_scans
 from stepblocks.loop.calibration_check import apply_calibration_checks, check_calibration
 from stepblocks.loop.compose import compose_record
 from stepblocks.loop.experiment import format_block_stimulus
@@ -42,7 +42,7 @@ from stepblocks.loop.record import SCHEMA, format_json_document
 from stepblocks.loop.record_choice import compare_features_with_records, describe_record_choice
 from stepblocks.loop.result import LoopResult, build_learned_model
 from stepblocks.loop.session_table import (
-    Known,
+    KnownConstants,
     SessionTable,
     build_session_table,
     find_regime_hints,
@@ -176,7 +176,7 @@ class _SessionFolder:
     folder: Path
     declared: "Session"
     tip_radius: float
-    inspected: Scans
+    inspected: ScanFiguresByBlock
     forces_only: bool
     whole_record: bool
 
@@ -184,7 +184,7 @@ class _SessionFolder:
     def open(
         cls,
         folder: Path,
-        inspected: Scans,
+        inspected: ScanFiguresByBlock,
         layout: TableLayout,
         *,
         forces_only: bool,
@@ -304,7 +304,9 @@ class _SessionFolder:
                 scans[block] = dict(self.inspected[block])
         return replace(found, scans=scans)
 
-    def _build_session_table(self, features: pd.DataFrame, scans: Scans) -> SessionTable:
+    def _build_session_table(
+        self, features: pd.DataFrame, scans: ScanFiguresByBlock
+    ) -> SessionTable:
         """Turn features into trials, with what the session declares of gauges and probe."""
         return build_session_table(
             features,
@@ -345,11 +347,11 @@ def analyse_features(
     features: pd.DataFrame,
     spring_constant: float,
     tip_radius: float,
-    scans: Scans | None = None,
+    scans: ScanFiguresByBlock | None = None,
     *,
     jobs: int = 1,
     rules: Rules | None = None,
-    known: Known | None = None,
+    known: KnownConstants | None = None,
     laws: Mapping[str, Mapping[str, Any]] | None = None,
     announce: Announce | None = None,
 ) -> LoopResult:
@@ -383,7 +385,7 @@ def analyse_features(
 
 def analyse_table(
     table: SessionTable,
-    scans: Scans,
+    scans: ScanFiguresByBlock,
     *,
     jobs: int = 1,
     rules: Rules | None = None,
@@ -415,7 +417,7 @@ def analyse_table(
 
 
 @dataclass(frozen=True)
-class _Explained:
+class _ExplanationAndHoldouts:
     """What was found, with the errors on trials held out within blocks and on whole blocks."""
 
     found: Explanation
@@ -425,14 +427,14 @@ class _Explained:
 
 def _explain_and_hold_out(
     table: SessionTable, rules: Rules, jobs: int, announce: Announce | None
-) -> _Explained:
+) -> _ExplanationAndHoldouts:
     """Explain all trials, and hold out trials within blocks and whole blocks.
 
     Every fold chooses its own effects.
     """
     model, trials = table.model, table.trials
     inside = _keep_large_folds(table, split_within_blocks(trials, _FOLDS_WITHIN, rules.seed))
-    outside: list[Rows] = []
+    outside: list[RowIndices] = []
     if len(set(trials.block.tolist())) >= _FEWEST_BLOCKS:
         outside = _keep_large_folds(table, split_by_block(trials, _FOLDS_BETWEEN))
     # where tips stick no law is claimed, whatever parts of the trials would choose
@@ -448,14 +450,14 @@ def _explain_and_hold_out(
     found, (within, between) = choose_delivered_effects(
         add_height_findings(found, table), (inside, outside), model.candidates
     )
-    return _Explained(
+    return _ExplanationAndHoldouts(
         withdraw_claims_for_hints(found, hints),
         Holdout(*within, selected=tuple(of_inside)),
         Holdout(*between, selected=tuple(of_outside)),
     )
 
 
-def _keep_large_folds(table: SessionTable, folds: Sequence[Rows]) -> list[Rows]:
+def _keep_large_folds(table: SessionTable, folds: Sequence[RowIndices]) -> list[RowIndices]:
     """Keep the folds that leave enough trials for a fit."""
     return [rows for rows in folds if len(table.trials) - len(rows) >= _FEWEST_TRIALS]
 
@@ -463,7 +465,7 @@ def _keep_large_folds(table: SessionTable, folds: Sequence[Rows]) -> list[Rows]:
 def _search_without_each_fold(
     table: SessionTable,
     found: Explanation,
-    folds: Sequence[Rows],
+    folds: Sequence[RowIndices],
     rules: Rules,
     jobs: int,
     announce: Announce | None,

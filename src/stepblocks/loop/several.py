@@ -25,7 +25,7 @@ from stepblocks.lawsearch.findings import Rules
 from stepblocks.lawsearch.forward_model import Floats, Trials
 from stepblocks.lawsearch.problem import Fit
 from stepblocks.loop.bench_model import OF_A_DAY, SessionModel, format_session_constant_name
-from stepblocks.loop.block_scans import Scans
+from stepblocks.loop.block_scans import ScanFiguresByBlock
 from stepblocks.loop.record import SCHEMA, convert_to_json_values, format_json_document
 from stepblocks.loop.result import LoopResult
 from stepblocks.loop.run import Announce, analyse_table, loop_session, write_loop_result
@@ -423,7 +423,7 @@ def _put_day_differences_first(
 
 def explain_sessions_together(
     tables: Mapping[str, SessionTable],
-    scans: Scans,
+    scans: ScanFiguresByBlock,
     *,
     jobs: int = 1,
     rules: Rules | None = None,
@@ -576,7 +576,7 @@ def _refuse_sessions_of_different_probes(folders: Mapping[str, Path]) -> None:
     )
 
 
-def _merge_scans(results: Iterable[LoopResult]) -> Scans:
+def _merge_scans(results: Iterable[LoopResult]) -> ScanFiguresByBlock:
     """Join the scans of the blocks of all sessions; those of the last session count."""
     scans: dict[str, Mapping[str, float]] = {}
     for result in results:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from stepblocks.contact.laws import FrictionLaw, build_declared_laws
 from stepblocks.contact.operating_point import PAPER, Tool
 from stepblocks.errors import ContactError, PipelineError
-from stepblocks.lawsearch.law import ActiveAtPoints, Law, Parameter
+from stepblocks.lawsearch.law import ActiveEffectsAtPoints, Law, Parameter
 from stepblocks.rig.state import DragState, Floats, compute_shown_channels, indent_contact
 
 TOGETHER = " * "  # between the names of two covariates that act together
@@ -277,7 +277,7 @@ def _expand_height_errors_to_trials(
 
 
 def build_extended_state(
-    design: BenchDesign, values: Mapping[str, float | Floats], active: ActiveAtPoints = ()
+    design: BenchDesign, values: Mapping[str, float | Floats], active: ActiveEffectsAtPoints = ()
 ) -> DragState:
     """Fill the slots from the constants and apply the effects.
 

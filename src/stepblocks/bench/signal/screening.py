@@ -134,19 +134,19 @@ def _find_saturation_fault(
     return None
 
 
-def _describe_flat_run(run: "_Run", extreme: str, force: float) -> str:
+def _describe_flat_run(run: "_FlatRun", extreme: str, force: float) -> str:
     """Say how many samples stand at an extreme force [N], the highest or the lowest."""
     return f"{run.length} samples in a row at the {extreme} force, {force:.4g} N"
 
 
-class _Run(NamedTuple):
+class _FlatRun(NamedTuple):
     """Samples in a row: the number of them, and the first."""
 
     length: int
     start: int
 
 
-def _find_flat_top_run(force: Array) -> _Run | None:
+def _find_flat_top_run(force: Array) -> _FlatRun | None:
     """Find samples in a row at the highest value, to which the record was still moving."""
     moves = np.abs(np.diff(force))
     step = float(np.min(moves, where=moves > 0.0, initial=np.inf))
@@ -163,10 +163,10 @@ def _find_flat_top_run(force: Array) -> _Run | None:
     return None
 
 
-def _find_longest_run(mask: NDArray[np.bool_]) -> _Run:
+def _find_longest_run(mask: NDArray[np.bool_]) -> _FlatRun:
     """Find the longest run of True; of equal ones, the first."""
     edges = np.flatnonzero(np.diff(mask, prepend=False, append=False))
     starts, ends = edges[::2], edges[1::2]
     lengths = ends - starts
     longest = int(np.argmax(lengths))
-    return _Run(int(lengths[longest]), int(starts[longest]))
+    return _FlatRun(int(lengths[longest]), int(starts[longest]))

@@ -11,10 +11,12 @@ import numpy as np
 from stepblocks.rig.forward import SPEED_OVER_LOAD
 from stepblocks.rig.state import DragState, Floats
 
-Change = Callable[[DragState, Floats], DragState]
+StateChange = Callable[[DragState, Floats], DragState]
 
 
-def _make_scaling_change(size_bounds: tuple[float, float] | None = None, **powers: float) -> Change:
+def _make_scaling_change(
+    size_bounds: tuple[float, float] | None = None, **powers: float
+) -> StateChange:
     """Make a change that multiplies each slot by a power of exp g, with g held in bounds."""
 
     def scale_slots(state: DragState, g: Floats) -> DragState:
@@ -30,7 +32,7 @@ def _make_scaling_change(size_bounds: tuple[float, float] | None = None, **power
     return scale_slots
 
 
-def make_shift_change(*slots: str, unit: float = 0.1) -> Change:
+def make_shift_change(*slots: str, unit: float = 0.1) -> StateChange:
     """Make a change that adds g times `unit` to each slot."""
 
     def shift_slots(state: DragState, g: Floats) -> DragState:
@@ -74,7 +76,7 @@ class Move(NamedTuple):
 
     slot: str
     form: str
-    change: Change
+    change: StateChange
     words: str
 
 
