@@ -34,7 +34,7 @@ from oracles.feature_bench import (
 from stepblocks.contact.operating_point import Tool
 from stepblocks.lawsearch.explain import explain
 from stepblocks.lawsearch.findings import Explanation, Finding, Rules, Verdict
-from stepblocks.lawsearch.fit import fit
+from stepblocks.lawsearch.fit import fit_with_effects
 from stepblocks.lawsearch.forward_model import Trials
 from stepblocks.lawsearch.identifiability import find_indistinguishable_effects
 from stepblocks.lawsearch.law import Law, Parameter
@@ -235,7 +235,7 @@ def removed(found: Explanation, seed: int, truth: tuple[Planted, ...]) -> float 
     covariates = {name: column for name, column in columns.items() if name != "block"}
     ahead = Trials(covariates, CHANNELS, none, none, columns["block"])
     start = {f"{e.id}.{name}": value for e, own in truth for name, value in own.items()}
-    oracle = fit(found.problem, [e for e, _ in truth], found.nominal.values | start)
+    oracle = fit_with_effects(found.problem, [e for e, _ in truth], found.nominal.values | start)
     errors = []
     for fitted in (found.nominal, found.extended, oracle):
         shown = found.problem.model.predict(ahead, fitted.values, fitted.active_effects)

@@ -29,7 +29,7 @@ from scipy.signal import butter, decimate, filtfilt
 
 from stepblocks import Law, Parameter, Trials, explain
 from stepblocks.lawsearch.findings import Explanation
-from stepblocks.lawsearch.law import Active
+from stepblocks.lawsearch.law import ActiveEffects
 
 Floats = NDArray[np.float64]
 _STRIDE = 4  # samples of the rack, 2.7 ms: its forces are filtered at 30 Hz
@@ -59,7 +59,9 @@ class Line:
         """Know of none."""
         return ()
 
-    def predict(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> Floats:
+    def predict(
+        self, trials: Trials, values: Mapping[str, float], effects: ActiveEffects = ()
+    ) -> Floats:
         """Add level, slopes and laws."""
         found = np.full(len(trials), values["level"])
         for name in self.columns:
@@ -69,7 +71,7 @@ class Line:
         return found[:, None]
 
     def responses(
-        self, trials: Trials, values: Mapping[str, float], effects: Active = ()
+        self, trials: Trials, values: Mapping[str, float], effects: ActiveEffects = ()
     ) -> Floats:
         """Let nothing scatter beside the measurement."""
         return np.zeros((len(trials), 1, 0))

@@ -12,7 +12,7 @@ from typing import Any
 from stepblocks.contact.counterface import Counterface, Margin, Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import PAPER, Limits, OperatingPoint, Tool
-from stepblocks.drag.probe import SETTINGS, DragSettings, build_probe
+from stepblocks.drag.probe import SETTINGS, DragSettings, build_probe_of_tool
 from stepblocks.drag.ring import Ring, measure_ring
 from stepblocks.drag.simulate import simulate_drag
 from stepblocks.drag.track import build_track
@@ -70,7 +70,7 @@ def drag_in_time(
         if rod
         else light
     )
-    probe = build_probe(point.tool, point.ball_radius, **changes)
+    probe = build_probe_of_tool(point.tool, point.ball_radius, **changes)
     how = {"speed": 0.0, "pulling_force": pull, "handle_mass": 0.1} if pull else {}
     track, settings = build_track(face, point.ball_radius), DragSettings.from_point(point, **how)
     none = Ring(*[math.nan] * 7)

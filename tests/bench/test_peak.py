@@ -13,13 +13,13 @@ from oracles.traces import Course, hum
 from stepblocks.bench.signal.aftermath import fit_aftermath
 from stepblocks.bench.signal.approach import fit_approach
 from stepblocks.bench.signal.landmarks import find_landmarks
-from stepblocks.bench.signal.peak import find_peak
+from stepblocks.bench.signal.peak import measure_peak
 
 
 def peak(time, force):
     marks = find_landmarks(time, force)
     approach = fit_approach(time, force, marks, None)
-    return find_peak(time, force, marks, approach, fit_aftermath(time, force, marks, approach))
+    return measure_peak(time, force, marks, approach, fit_aftermath(time, force, marks, approach))
 
 
 def noise(count, std=3e-3, seed=2):

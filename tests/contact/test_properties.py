@@ -17,7 +17,7 @@ from stepblocks.contact.energy_change import find_energy_change
 from stepblocks.contact.laws import LinearContact
 from stepblocks.contact.operating_point import PAPER, Limits, OperatingPoint, Tool
 from stepblocks.contact.path.profile import build_profile_path
-from stepblocks.drag.probe import DragSettings, build_probe
+from stepblocks.drag.probe import DragSettings, build_probe_of_tool
 from stepblocks.drag.run import drag_over
 from stepblocks.drag.simulate import simulate_drag
 from stepblocks.drag.track import build_step_track
@@ -210,7 +210,7 @@ def test_the_drag_has_no_unit_of_length(height, load, scale):
     # lengths and speeds times s, stiffness, mass and loss per speed over s: every force stays
     def drag(s):
         tool = replace(PAPER.tool, stiffness=PAPER.tool.stiffness / s)
-        probe = build_probe(tool, 125e-6 * s, LinearContact(3e7 / s), contact_loss=5.0 / s)
+        probe = build_probe_of_tool(tool, 125e-6 * s, LinearContact(3e7 / s), contact_loss=5.0 / s)
         settings = DragSettings(load, 0.15, speed=20e-3 * s, lead=20e-6 * s)
         return simulate_drag(build_step_track(height * s, 125e-6 * s), probe, settings)
 

@@ -15,7 +15,7 @@ from stepblocks.contact.critical_angle import find_margin_angles, find_step_angl
 from stepblocks.contact.energy import Status, find_release
 from stepblocks.contact.operating_point import Tool
 from stepblocks.drag.plan import choose_time_step_and_bristles
-from stepblocks.drag.probe import PAPER_DRAG, DragSettings, build_probe
+from stepblocks.drag.probe import PAPER_DRAG, DragSettings, build_probe_of_tool
 from stepblocks.drag.ring import (
     LOADING_BAND,
     RING_BAND,
@@ -392,7 +392,9 @@ def test_a_drag_that_makes_no_sense_is_one_clear_error(call, message):
 def test_a_probe_is_as_heavy_as_damped_and_as_hard_as_its_tool_and_ball_say():
     # Origin: m = k / (2 pi f)^2, zeta = 1 / (2 pi f T) and Hertz' F = 4/3 E* sqrt(R) d^1.5, E* = E
     # / 2(1 - nu^2).
-    probe = build_probe(Tool(7.3e3, frequency=251.0, decay_time=9e-3), 83e-6, contact_loss=2.0)
+    probe = build_probe_of_tool(
+        Tool(7.3e3, frequency=251.0, decay_time=9e-3), 83e-6, contact_loss=2.0
+    )
     assert probe.frequency == pytest.approx(251.0, rel=1e-12)
     assert probe.mass == pytest.approx(7.3e3 / (math.tau * 251.0) ** 2, rel=1e-12)
     assert probe.damping_ratio == pytest.approx(1.0 / (math.tau * 251.0 * 9e-3), rel=1e-12)

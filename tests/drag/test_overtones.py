@@ -11,7 +11,7 @@ import pytest
 
 import stepblocks as sb
 from oracles.elastic_drag import elastic_drag
-from stepblocks.drag.probe import build_probe
+from stepblocks.drag.probe import build_probe_of_tool
 from stepblocks.errors import ContactError, StepblocksError
 from stepblocks.predict.predictions import predict_single_drag
 
@@ -63,7 +63,7 @@ def test_each_mode_rings_as_in_another_integrator(height, load, tool, contact):
 def test_all_modes_together_are_as_soft_as_the_tool_and_each_has_its_pitch_and_decay():
     # Closed form: springs in a row, k = m (2 pi f)^2, c = 2 m / T.
     tool = sb.Tool(stiffness=7e3, frequency=250.0, overtones=TWO)
-    modes = list_modes(build_probe(tool, 90e-6))
+    modes = list_modes(build_probe_of_tool(tool, 90e-6))
     assert sum(1.0 / stiffness for stiffness, _, _ in modes) == pytest.approx(1.0 / 7e3)
     pitches = [math.sqrt(stiffness / mass) / math.tau for stiffness, mass, _ in modes]
     assert pitches == pytest.approx([250.0, 1880.0, 900.0])

@@ -10,18 +10,18 @@ from statsmodels.api import OLS, add_constant
 from oracles.toy_model import Toy, toy_effects, toy_trials
 from stepblocks.lawsearch import adequacy
 from stepblocks.lawsearch.adequacy import (
+    compare_misfit_with_replicates,
     compute_smooth_p_value,
     find_largest_gain_shares,
     fit_without_each_channel,
-    test_misfit_against_replicates,
 )
 from stepblocks.lawsearch.discrimination import rank_settings
 from stepblocks.lawsearch.explain import explain
 from stepblocks.lawsearch.findings import Rules
-from stepblocks.lawsearch.fit import build_problem, fit
+from stepblocks.lawsearch.fit import build_problem, fit_with_effects
 from stepblocks.lawsearch.forward_model import Floats, Trials
 from stepblocks.lawsearch.identifiability import find_indistinguishable_effects
-from stepblocks.lawsearch.law import Active, Law, Parameter
+from stepblocks.lawsearch.law import ActiveEffects, Law, Parameter
 from stepblocks.lawsearch.noise import build_noise
 from stepblocks.lawsearch.scatter import Scatter
 
@@ -30,7 +30,7 @@ _RULES = Rules(draws=200)
 
 def test_what_a_constant_imitates_is_named_from_the_design_alone() -> None:
     problem = build_problem(Toy(), toy_trials(60, 4))
-    outcome = find_indistinguishable_effects(problem, fit(problem), toy_effects())
+    outcome = find_indistinguishable_effects(problem, fit_with_effects(problem), toy_effects())
     assert outcome.imitated_by_constants == {"shift": ("a",)}
 
 
@@ -60,14 +60,16 @@ class Specimens(Toy):
         ]
         return (*super().parameters(trials), *own)
 
-    def predict(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> Floats:
+    def predict(
+        self, trials: Trials, values: Mapping[str, float], effects: ActiveEffects = ()
+    ) -> Floats:
         off = np.array([values[f"off[{one}]"] for one in trials.block])
         return super().predict(trials, values, effects) + np.outer(off, [1.0, 2.0])
 
 
 def test_a_specimen_that_is_yet_to_be_made_tells_no_more_than_its_own_level_leaves() -> None:
     problem = build_problem(Specimens(), toy_trials(60, 9, square=0.5))
-    extended, nominal = fit(problem, toy_effects()[:1]), fit(problem)
+    extended, nominal = fit_with_effects(problem, toy_effects()[:1]), fit_with_effects(problem)
     # values at which the rivals differ by the law alone, as on a specimen that both know alike
     rival = replace(
         nominal, values={n: v for n, v in extended.values.items() if n in nominal.values}
@@ -111,7 +113,7 @@ def test_the_interval_promised_after_the_next_trials_is_that_of_a_fit_with_them(
     trials, grid = toy_trials(24, 9, square=0.5), toy_trials(50, 10)
     problem = build_problem(Toy(), trials)
     law = toy_effects()[0]
-    nominal, extended = fit(problem), fit(problem, [law])
+    nominal, extended = fit_with_effects(problem), fit_with_effects(problem, [law])
     asked = rank_settings(problem, extended, nominal, grid, ("z",))
     assert asked is not None
     (best,) = np.flatnonzero(grid.covariates["z"] == asked.settings[0].settings["z"])
@@ -126,7 +128,7 @@ def test_the_interval_promised_after_the_next_trials_is_that_of_a_fit_with_them(
     )
     responses = Toy().responses(both, extended.values)
     noise = build_noise(both, (), responses, problem.noise.scatter)
-    after = fit(replace(problem, trials=both, noise=noise), [law])
+    after = fit_with_effects(replace(problem, trials=both, noise=noise), [law])
     name = "square_of_z.size"
     assert asked.width_after == {
         name: pytest.approx(after.std[name] / extended.std[name], rel=1e-6)
@@ -157,17 +159,17 @@ def test_pure_error_is_the_scatter_among_replicates() -> None:
     generator = np.random.default_rng(11)
     cells = [i // 4 for i in range(400)]
     noise = generator.normal(0.0, 0.2, 400)
-    fine = test_misfit_against_replicates(noise, cells, constant_count=1)
+    fine = compare_misfit_with_replicates(noise, cells, constant_count=1)
     assert fine.replicate_std == pytest.approx(0.2, rel=0.1)
     assert fine.lack_of_fit_p_value > 0.01
     assert (
-        test_misfit_against_replicates(
+        compare_misfit_with_replicates(
             noise + 0.3 * np.sin(np.array(cells)), cells, constant_count=1
         ).lack_of_fit_p_value
         < 1e-6
     )
     assert np.isnan(
-        test_misfit_against_replicates(
+        compare_misfit_with_replicates(
             noise[:4], [0, 1, 2, 3], constant_count=1
         ).lack_of_fit_p_value
     )
@@ -207,7 +209,7 @@ def test_the_constant_that_imitates_an_effect_most_is_named_first() -> None:
     trials.values[:, 1] = np.nan
     problem = build_problem(Toy(), trials)
     lean = Law("lean", "s (1 + x)", (size,), apply, "level", "x")
-    outcome = find_indistinguishable_effects(problem, fit(problem), [lean])
+    outcome = find_indistinguishable_effects(problem, fit_with_effects(problem), [lean])
     # closed form: on the first channel 1 + x is one column of a and one of b, and that of ones is
     # longer than that of x, which lies within one of zero
     assert outcome.imitated_by_constants == {"lean": ("a", "b")}
@@ -223,7 +225,9 @@ class Gauge(Toy):
         level, slope = super().parameters(trials)
         return replace(level, prior_std=self.known), slope
 
-    def predict(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> Floats:
+    def predict(
+        self, trials: Trials, values: Mapping[str, float], effects: ActiveEffects = ()
+    ) -> Floats:
         shown = super().predict(trials, values)
         for effect, own in effects:
             shown = effect.apply(shown, trials, own)
@@ -247,7 +251,7 @@ def test_the_channel_that_an_effect_moves_carries_it_whatever_the_order_of_chann
     moved[:, seen_by] = 0.2 * (-1.0) ** np.arange(80)
     moved[7, seen_by] = 0.9
     problem = build_problem(Gauge(), trials)
-    fitted = fit(problem)
+    fitted = fit_with_effects(problem)
     problem = replace(
         problem,
         trials=replace(trials, values=fitted.predicted + moved),
@@ -258,9 +262,9 @@ def test_the_channel_that_an_effect_moves_carries_it_whatever_the_order_of_chann
             Scatter(np.array([0.04]), np.array([1e-4, 1e-4]), 80),
         ),
     )
-    current = fit(problem, [_law_of(moved)])
+    current = fit_with_effects(problem, [_law_of(moved)])
     without_channel = fit_without_each_channel(problem, current)
-    trial, channel = find_largest_gain_shares(fit(problem), current, without_channel)
+    trial, channel = find_largest_gain_shares(fit_with_effects(problem), current, without_channel)
     assert channel == (seen_by, pytest.approx(1.0))
     assert trial == (7, pytest.approx(0.81 / (0.81 + 79 * 0.04), abs=2e-3))
 
@@ -270,7 +274,7 @@ def test_of_what_a_certificate_says_no_trial_has_a_share() -> None:
     # there at a cost of nearly (0.5 / 0.05)^2, of which a law of what is shown frees it
     problem = build_problem(Gauge(known=0.05), toy_trials(120, 3))
     law = _law_of(np.tile([1.0, 2.0], (120, 1)))
-    base, current = fit(problem), fit(problem, [law])
+    base, current = fit_with_effects(problem), fit_with_effects(problem, [law])
     assert base.cost - current.cost == pytest.approx(100.0, rel=0.1)
     without_channel = fit_without_each_channel(problem, current)
     (_, of_trial), (_, of_channel) = find_largest_gain_shares(base, current, without_channel)

@@ -10,7 +10,7 @@ from scipy.stats import multivariate_normal, norm
 
 from oracles.toy_model import Toy, toy_effects, toy_trials
 from stepblocks.errors import PipelineError
-from stepblocks.lawsearch.fit import build_problem, fit
+from stepblocks.lawsearch.fit import build_problem, fit_with_effects
 from stepblocks.lawsearch.forward_model import Floats, Systematic, Trials
 from stepblocks.lawsearch.law import Law, Parameter
 from stepblocks.lawsearch.noise import build_noise
@@ -29,7 +29,7 @@ from stepblocks.lawsearch.scatter import (
 def test_fit_is_generalised_least_squares() -> None:
     trials = toy_trials(80, 1)
     problem = build_problem(Toy(), trials)
-    found = fit(problem)
+    found = fit_with_effects(problem)
     # closed form: beta = (X' V^-1 X)^-1 X' V^-1 y with V of one trial
     v = problem.noise.scatter
     covariance = v.quantities[0] * np.outer([1, 2], [1, 2]) + np.diag(v.channels + 0.05**2)
@@ -56,7 +56,7 @@ def test_a_fit_that_a_rival_leads_by_far_is_given_up_after_some_steps_and_no_oth
         (jump, 37.5, 1, 2),
         (jump, 21.4, 2, 5),
     ):
-        done = fit(problem, (effect,))
+        done = fit_with_effects(problem, (effect,))
         ahead, far_ahead = (
             Objective(problem, (effect,), done.criterion - part * lead) for part in (0.99, 1.01)
         )
@@ -92,7 +92,7 @@ def test_a_fit_that_presses_on_a_bound_ends_there_with_the_least_cost_within_bou
     # an independent program finds the same constants beside the bound
     least = minimize(compute_cost, start, method="Powell", options={"ftol": 1e-12})
     monkeypatch.setattr("stepblocks.lawsearch.fit.least_squares", search)
-    found = fit(problem, (bounded,))
+    found = fit_with_effects(problem, (bounded,))
     assert found.values["square_of_z.size"] == pytest.approx(2.0, abs=1e-4)
     assert found.cost == pytest.approx(least.fun, abs=1e-2)
     # no second search is asked for what lies beyond the bound
@@ -189,7 +189,7 @@ def test_what_trials_share_is_no_scatter_of_each() -> None:
     assert blind.noise.scatter.channels[0] > 0.15**2
     # and the next fit takes it up, with all that is known by then
     problem = replace(blind, model=Shared())
-    problem = problem.estimate_noise_about_fit(fit(problem))
+    problem = problem.estimate_noise_about_fit(fit_with_effects(problem))
     # origin: the trials were drawn with 0.02, which their own uncertainty covers
     assert problem.noise.scatter.channels[0] < 0.01**2
     assert problem.noise.subtract_shared_errors(shared) == pytest.approx(
@@ -220,14 +220,14 @@ def test_parameters_of_one_specimen_share_a_difference_and_fit_as_if_alone() -> 
 
     trials = toy_trials(80, 6)
     shifted = trials.values + np.stack([0.7 * (trials.block == "q"), np.zeros(80)], axis=1)
-    found = fit(build_problem(Offsets(), replace(trials, values=shifted)))
+    found = fit_with_effects(build_problem(Offsets(), replace(trials, values=shifted)))
     assert found.values["o_q"] - found.values["o_p"] == pytest.approx(0.7, abs=0.12)
 
 
 def test_an_effect_at_its_start_changes_nothing() -> None:
     trials = toy_trials(30, 7)
     problem = build_problem(Toy(), trials)
-    base = fit(problem)
+    base = fit_with_effects(problem)
     effects: list[Law] = toy_effects()
     values = base.values | {f"{e.id}.size": 0.0 for e in effects}
     assert np.array_equal(
@@ -251,7 +251,7 @@ def test_censored_values_count_as_what_they_exceed_and_do_not_bend_the_fit() -> 
     def fitted(limits):  # type: ignore[no-untyped-def]
         told = replace(trials, values=values, floor=limits)
         noise = build_noise(told, (), Toy().responses(told, {}), scatter)
-        return fit(Problem(Toy(), told, noise))
+        return fit_with_effects(Problem(Toy(), told, noise))
 
     # origin: Tobin's likelihood written out and minimised by another method; the truth is 1 + 2 x
     def minus_twice_log_likelihood(beta):  # type: ignore[no-untyped-def]

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from oracles.toy_model import Toy, toy_effects, toy_trials
-from stepblocks.lawsearch.fit import build_problem, fit
+from stepblocks.lawsearch.fit import build_problem, fit_with_effects
 from stepblocks.lawsearch.gate import Gate, score_candidates
 from stepblocks.lawsearch.law import Law, Parameter
 
@@ -17,7 +17,9 @@ SEEDS, SIZES = st.integers(1, 1000), st.floats(0.1, 0.4)
 
 def score(trials, effects=None, draws=0) -> Gate:
     problem = build_problem(Toy(), trials)
-    return score_candidates(problem, fit(problem), effects or toy_effects(), draws=draws)
+    return score_candidates(
+        problem, fit_with_effects(problem), effects or toy_effects(), draws=draws
+    )
 
 
 def gains(gate: Gate) -> dict[str, float]:

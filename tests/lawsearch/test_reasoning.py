@@ -18,7 +18,7 @@ from stepblocks.lawsearch.claims import (
 )
 from stepblocks.lawsearch.explain import explain
 from stepblocks.lawsearch.findings import Doubt, Finding, Rules, Verdict
-from stepblocks.lawsearch.fit import build_problem, fit
+from stepblocks.lawsearch.fit import build_problem, fit_with_effects
 from stepblocks.lawsearch.forward_model import Floats, Systematic, Trials
 from stepblocks.lawsearch.gate import Gate, score_candidates
 from stepblocks.lawsearch.holdout import (
@@ -41,7 +41,9 @@ def test_noise_alone_opens_the_gate_no_more_often_than_stated() -> None:
     for seed in range(60):
         problem = build_problem(Toy(), toy_trials(40, 100 + seed))
         opened += (
-            score_candidates(problem, fit(problem), toy_effects(), draws=99, seed=seed).p_value
+            score_candidates(
+                problem, fit_with_effects(problem), toy_effects(), draws=99, seed=seed
+            ).p_value
             <= 0.1
         )
     # binomial with p = 0.1: more than 13 of 60 has a chance of 0.3 %
@@ -129,7 +131,7 @@ def test_covariates_that_run_together_are_ambiguous() -> None:
 
 
 def test_a_group_holds_the_truth_by_95_percent_and_names_no_more() -> None:
-    base = fit(build_problem(Toy(), toy_trials(60, 3)))
+    base = fit_with_effects(build_problem(Toy(), toy_trials(60, 3)))
     rivals = [
         Rival(replace(toy_effects()[0], id=str(behind)), base, behind)
         for behind in (0.0, 4.0, 6.0, 7.9)
@@ -256,7 +258,7 @@ def test_a_fold_that_cannot_tell_two_effects_apart_does_not_contradict_the_whole
     )
     laws = [step("w"), step("z")]
     problem = build_problem(Toy(), seen)
-    whole = fit(problem, [laws[1]]).values
+    whole = fit_with_effects(problem, [laws[1]]).values
     (fold,) = build_folds(problem, [rows])
     assert select_effects_without_fold(fold, lambda _: laws, _RULES, whole) == (said,)
     assert select_effects_without_fold(fold, lambda _: laws, _RULES, {}) == ("by_w",)
@@ -374,7 +376,9 @@ def test_what_changed_at_a_trial_is_judged_there_whatever_its_size_in_a_fold(beg
         covariates=trials.covariates | {"n": n},
         values=trials.values + 0.3 * np.outer(n > 79.5, [1.0, 2.0]),
     )
-    whole = fit(build_problem(Toy(), trials), [law], {"jump.at": 79.8, "jump.size": 0.3})
+    whole = fit_with_effects(
+        build_problem(Toy(), trials), [law], {"jump.at": 79.8, "jump.size": 0.3}
+    )
     start = replace(whole, values=whole.values | {"jump.size": begin})
     nothing = explain(Toy(), trials, (), _RULES)
     found = replace(nothing, extended=start, findings=(Finding(law, Verdict.EFFECT, 0.001, 100.0),))
@@ -419,7 +423,7 @@ def test_the_order_of_the_trials_scores_no_candidate_otherwise() -> None:
 
 def _gated(trials: Trials) -> Gate:
     problem = build_problem(Toy(), trials)
-    return score_candidates(problem, fit(problem), toy_effects(), draws=20)
+    return score_candidates(problem, fit_with_effects(problem), toy_effects(), draws=20)
 
 
 def test_a_line_that_is_too_stiff_gives_way_to_a_smooth_that_fits_far_better_and_to_no_worse() -> (
@@ -436,8 +440,8 @@ def test_a_line_that_is_too_stiff_gives_way_to_a_smooth_that_fits_far_better_and
     stiff, smooth = replace(line, named=True), replace(line, id="smooth_of_z", apply=wave)
     for data, expected in ((bent, ["smooth_of_z"]), (trials, None)):
         problem = build_problem(Toy(), data)
-        current = fit(problem, (stiff,))
-        chosen = fit(problem, (stiff, square), current.values)
+        current = fit_with_effects(problem, (stiff,))
+        chosen = fit_with_effects(problem, (stiff, square), current.values)
         found = add_or_replace_effect(problem, current, chosen, [stiff, square, smooth])
         # a law never stands beside a law of its place that it does not beat
         assert (found and [e.id for e in found.effects]) == expected

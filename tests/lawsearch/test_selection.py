@@ -11,10 +11,10 @@ import pytest
 from scipy import stats
 
 from oracles.toy_model import Toy, toy_effects, toy_trials
-from stepblocks.lawsearch.adequacy import test_residuals_against_covariates
+from stepblocks.lawsearch.adequacy import run_residual_checks
 from stepblocks.lawsearch.choice import choose_candidate
 from stepblocks.lawsearch.directions import build_tangent_basis, compute_tangent
-from stepblocks.lawsearch.fit import build_problem, fit
+from stepblocks.lawsearch.fit import build_problem, fit_with_effects
 from stepblocks.lawsearch.forward_model import Systematic
 from stepblocks.lawsearch.gate import compute_detectable_amplitudes, score_candidates
 from stepblocks.lawsearch.law import Law, Parameter
@@ -26,7 +26,7 @@ from stepblocks.lawsearch.search import add_or_replace_effect, exchange_or_drop_
 
 def _chosen(trials, effects, **keywords):
     problem = build_problem(Toy(), trials)
-    base = fit(problem)
+    base = fit_with_effects(problem)
     return (
         problem,
         base,
@@ -89,7 +89,7 @@ def test_a_law_driven_to_the_end_of_its_form_is_no_law():
 def test_an_effect_whose_fit_is_known_takes_part_and_is_not_fitted_again(squared):
     problem = build_problem(Toy(), squared)
     square, *others = toy_effects()
-    known = fit(problem, (square,))
+    known = fit_with_effects(problem, (square,))
     _, base, choice = _chosen(squared, others, known_fits=(known,))
     assert choice.lead is known
     # nor is what cannot come near it: a straight line has nothing of an even law
@@ -102,7 +102,7 @@ def test_an_effect_whose_fit_is_known_takes_part_and_is_not_fitted_again(squared
 def test_a_law_that_gains_less_but_may_surprise_is_fitted_in_full(squared):
     # at its first-order optimum it may gain 15 more, and then by a factor of 0.7: 21.4 of a lead
     problem = build_problem(Toy(), squared)
-    base = fit(problem)
+    base = fit_with_effects(problem)
     z = squared.covariates["z"]
     own = toy_effects()[0].apply(np.zeros(len(squared)), squared, {"size": 1.0})
 
@@ -167,13 +167,13 @@ def test_trials_that_went_wrong_are_distinguished_from_those_that_scatter(shared
 def test_the_p_value_of_a_gate_counts_the_data_as_one_draw_of_the_null(squared):
     # of 19 draws none exceeds so strong an effect: p = 1 / (19 + 1) (Davison and Hinkley 1997)
     problem = build_problem(Toy(), squared)
-    gate = score_candidates(problem, fit(problem), toy_effects(), draws=19)
+    gate = score_candidates(problem, fit_with_effects(problem), toy_effects(), draws=19)
     assert gate.p_value == pytest.approx(1.0 / 20.0)
 
 
 def test_a_score_is_what_the_residual_loses_along_an_effect_beside_the_constants(squared):
     problem = build_problem(Toy(), squared)
-    base = fit(problem)
+    base = fit_with_effects(problem)
     known = build_tangent_basis(base)
     residual = np.concatenate([base.residual, base.departure])
     gate = score_candidates(problem, base, toy_effects(), draws=0)
@@ -210,11 +210,11 @@ def test_a_law_of_another_place_does_not_lead_before_a_curve(squared):
 
 def test_residuals_are_checked_over_every_covariate_where_there_are_enough_trials():
     problem = build_problem(Toy(), toy_trials(120, 4))
-    checks, _ = test_residuals_against_covariates(problem, fit(problem))
+    checks, _ = run_residual_checks(problem, fit_with_effects(problem))
     pairs = {(channel, name) for channel in ("first", "second") for name in ("x", "z", "w")}
     assert {(channel, name) for channel, name, _ in checks} == pairs
     few = build_problem(Toy(), toy_trials(12, 4))  # 12 trials, 8 more than a smooth has columns
-    assert test_residuals_against_covariates(few, fit(few)) == ((), True)
+    assert run_residual_checks(few, fit_with_effects(few)) == ((), True)
 
 
 def test_a_law_at_another_place_leaves_those_that_stand_and_one_that_is_not_needed_is_dropped(
@@ -223,8 +223,11 @@ def test_a_law_at_another_place_leaves_those_that_stand_and_one_that_is_not_need
     effects = {one.id: one for one in toy_effects()}
     problem = build_problem(Toy(), squared)
     needed, idle = effects["square_of_z"], effects["line_of_w"]
-    both = fit(problem, (idle, needed))
-    assert add_or_replace_effect(problem, fit(problem, (idle,)), both, toy_effects()) is both
+    both = fit_with_effects(problem, (idle, needed))
+    assert (
+        add_or_replace_effect(problem, fit_with_effects(problem, (idle,)), both, toy_effects())
+        is both
+    )
     left = exchange_or_drop_effect(problem, both, toy_effects())
     assert left.effects == (needed,)
     # one law alone is not looked for again
@@ -243,7 +246,7 @@ def test_an_effect_that_was_chosen_just_now_is_looked_for_no_second_time(squared
         id="bent",
         apply=lambda level, trials, values: level + values["size"] * (z**2 + z),
     )
-    both = fit(problem, (effects["line_of_w"], bent))
+    both = fit_with_effects(problem, (effects["line_of_w"], bent))
     found = exchange_or_drop_effect(problem, both, toy_effects())
     assert {one.id for one in found.effects} == {"line_of_w", "square_of_z"}
     assert exchange_or_drop_effect(problem, both, toy_effects(), both.effects[-1]) is None
@@ -251,14 +254,14 @@ def test_an_effect_that_was_chosen_just_now_is_looked_for_no_second_time(squared
 
 def test_without_candidates_nothing_can_surprise(squared):
     problem = build_problem(Toy(), squared)
-    gate = score_candidates(problem, fit(problem), [])
+    gate = score_candidates(problem, fit_with_effects(problem), [])
     assert gate.p_value == 1.0
     assert not gate.scores
 
 
 def test_what_can_be_detected_knows_nothing_of_the_step_of_a_parameter(squared):
     problem = build_problem(Toy(), squared)
-    base, effect = fit(problem), toy_effects()[0]
+    base, effect = fit_with_effects(problem), toy_effects()[0]
     coarse = tuple(replace(one, scale=4.0 * one.scale) for one in effect.parameters)
     one, other = (
         next(iter(compute_detectable_amplitudes(problem, base, [law], needed_gain=4.0).values()))

@@ -21,7 +21,7 @@ import pytest
 from stepblocks.lawsearch.explain import explain
 from stepblocks.lawsearch.findings import Rules, Verdict
 from stepblocks.lawsearch.forward_model import Floats, Systematic, Trials
-from stepblocks.lawsearch.law import Active, Law, Parameter
+from stepblocks.lawsearch.law import ActiveEffects, Law, Parameter
 from stepblocks.lawsearch.problem import Fit
 
 _SHARED = Path(os.environ.get("STEPBLOCKS_SHARED", Path(__file__).parents[2] / ".." / "shared"))
@@ -51,7 +51,7 @@ class Motion:
 
 
 def _next_output(
-    samples: Mapping[str, Floats], values: Mapping[str, float], effects: Active
+    samples: Mapping[str, Floats], values: Mapping[str, float], effects: ActiveEffects
 ) -> Floats:
     """y[t] from its predecessors and the drive: a linear oscillator, sampled."""
 
@@ -91,11 +91,13 @@ class LinearOscillator:
     def systematics(self, trials: Trials) -> Sequence[Systematic]:
         return ()
 
-    def predict(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> Floats:
+    def predict(
+        self, trials: Trials, values: Mapping[str, float], effects: ActiveEffects = ()
+    ) -> Floats:
         return _next_output(trials.covariates, values, effects)[:, None]
 
     def responses(
-        self, trials: Trials, values: Mapping[str, float], effects: Active = ()
+        self, trials: Trials, values: Mapping[str, float], effects: ActiveEffects = ()
     ) -> Floats:
         return np.zeros((len(trials), 1, 0))
 

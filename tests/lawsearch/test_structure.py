@@ -9,7 +9,7 @@ from scipy.stats import chi2, multivariate_normal
 from oracles.toy_model import Toy, toy_effects, toy_trials
 from stepblocks.lawsearch.explain import explain
 from stepblocks.lawsearch.findings import Rules, Verdict
-from stepblocks.lawsearch.fit import build_problem, fit
+from stepblocks.lawsearch.fit import build_problem, fit_with_effects
 from stepblocks.lawsearch.law import Law, Parameter
 from stepblocks.lawsearch.run_order import (
     build_wandering_errors,
@@ -22,7 +22,7 @@ from stepblocks.lawsearch.structure import (
     estimate_quantity_errors,
     find_structure_hints,
     find_two_group_hint,
-    test_neighbour_correlation,
+    make_neighbour_correlation_hint,
 )
 from stepblocks.lawsearch.walk import fit_random_walk
 
@@ -38,7 +38,7 @@ def _shifted(n: int, seed: int, shift: np.ndarray):
 
 def _hints(trials):
     problem = build_problem(_MODEL, trials)
-    return find_structure_hints(problem, fit(problem))
+    return find_structure_hints(problem, fit_with_effects(problem))
 
 
 def test_chance_alone_is_reported_as_nothing():
@@ -80,7 +80,7 @@ def test_the_estimate_of_a_trial_is_what_moved_all_its_channels_alike():
     shift[7] = 1.5
     trials = _shifted(60, 3, shift)
     problem = build_problem(_MODEL, trials)
-    errors, std = estimate_quantity_errors(problem, fit(problem))
+    errors, std = estimate_quantity_errors(problem, fit_with_effects(problem))
     assert errors[7, 0] == pytest.approx(1.5, abs=0.5)
     assert np.all(std > 0.0)
     assert errors.shape == std.shape == (60, 1)
@@ -110,7 +110,9 @@ def test_the_waves_of_a_wandering_quantity_are_those_that_carry_most_of_a_walk()
     trials = toy_trials(90, 3)
     problem = build_problem(_MODEL, trials)
     values = np.cumsum(np.random.default_rng(2).standard_normal(90))
-    found = build_wandering_errors(problem, fit(problem), {_MODEL.quantities[0]: values})
+    found = build_wandering_errors(
+        problem, fit_with_effects(problem), {_MODEL.quantities[0]: values}
+    )
     place = np.arange(90)
     about_mean = np.eye(90) - 1.0 / 90
     walk = about_mean @ np.minimum.outer(place, place) @ about_mean
@@ -143,9 +145,9 @@ def test_the_place_of_a_jump_lies_in_its_interval_as_often_as_stated():
         trials = replace(trials, values=trials.values + np.stack([rise, 2.0 * rise], axis=1))
         problem = build_problem(Toy(), trials)
         problem = problem.estimate_noise_about_fit(
-            fit(problem, [jump], {"jump.at": 0.2, "jump.step": 0.5})
+            fit_with_effects(problem, [jump], {"jump.at": 0.2, "jump.step": 0.5})
         )
-        fitted = fit(problem, [jump], {"jump.at": 0.2, "jump.step": 0.5})
+        fitted = fit_with_effects(problem, [jump], {"jump.at": 0.2, "jump.step": 0.5})
         low, high = compute_jump_place_interval(problem, fitted, jump, "at", trials.covariates["z"])
         inside += low <= 0.2 <= high
         widths.append(high - low)
@@ -177,7 +179,7 @@ def test_neighbours_are_tested_by_ljung_and_box_over_five_lags():
     # origin: Ljung and Box 1978, Q = n (n + 2) sum r_k^2 / (n - k), chi squared of five lags
     q = n * (n + 2.0) * np.sum(r**2 / (n - np.arange(1.0, 6.0)))
     assert fit_random_walk(values).gain < 1e-6
-    found = test_neighbour_correlation("level", values)
+    found = make_neighbour_correlation_hint("level", values)
     assert found.p_value == pytest.approx(2.0 * chi2.sf(q, 5), rel=1e-9)
 
 
@@ -185,7 +187,7 @@ def test_a_trial_that_shows_nothing_of_a_quantity_has_no_error_and_ten_times_its
     trials = toy_trials(60, 3)
     trials.values[11] = np.nan
     problem = build_problem(_MODEL, trials)
-    errors, std = estimate_quantity_errors(problem, fit(problem))
+    errors, std = estimate_quantity_errors(problem, fit_with_effects(problem))
     assert np.isnan(errors[11, 0])
     assert np.isfinite(np.delete(errors, 11)).all()
     # closed form: nothing but the prior is known, a normal law ten times as wide as the scatter

@@ -13,7 +13,7 @@ import pytest
 from oracles.feature_bench import bench_trials, block_scans, design_columns, noise_free
 from stepblocks.contact.operating_point import Tool
 from stepblocks.lawsearch.directions import compute_tangent
-from stepblocks.lawsearch.fit import build_problem, fit
+from stepblocks.lawsearch.fit import build_problem, fit_with_effects
 from stepblocks.lawsearch.forward_model import Trials
 from stepblocks.lawsearch.law import SizedChange
 from stepblocks.lawsearch.objective import Objective
@@ -67,7 +67,7 @@ def test_ranges_are_those_of_what_varies(trials):
 def test_laws_that_share_a_change_are_seen_as_if_each_were_tried_alone(trials):
     # the chain rule: what a trial shows depends on its own state, and on nothing of other trials
     problem = build_problem(_MODEL, trials)
-    base = fit(problem)
+    base = fit_with_effects(problem)
     shared = [
         law
         for law in list_candidate_laws(trials, list_covariate_ranges(trials))
@@ -307,7 +307,7 @@ def test_an_error_that_the_evaluation_leaves_in_all_trials_makes_no_groups_of_th
         + np.random.default_rng(3).normal(0.0, 3e-4, len(off))
     )
     problem = build_problem(_MODEL, off)
-    assert find_structure_hints(problem, fit(problem)) == ()
+    assert find_structure_hints(problem, fit_with_effects(problem)) == ()
 
 
 def test_errors_that_trials_share_hold_none_of_the_noise_of_single_readings(trials):
@@ -346,7 +346,7 @@ def test_a_fit_ends_where_one_step_more_gains_nothing_though_friction_and_zero_l
     readings = trials.covariates["temperature_c"]
     between = 0.5 * (readings[~warm].max() + readings[warm].min())
     begin = {law.name_in_fit("step"): 0.3, law.name_in_fit("at"): between}
-    found = fit(build_problem(model, trials), (law,), begin)
+    found = fit_with_effects(build_problem(model, trials), (law,), begin)
     # what a step of Gauss and Newton along the slopes at the end still promises of the cost, the
     # place apart, about which the cost is flat up to the next reading
     moving = [p.name != law.name_in_fit("at") for p in found.parameters]

@@ -15,7 +15,7 @@ from stepblocks.bench.session import open_session
 from stepblocks.errors import BenchError
 from stepblocks.lawsearch.explain import explain
 from stepblocks.lawsearch.findings import Rules, Verdict
-from stepblocks.lawsearch.fit import build_problem, fit
+from stepblocks.lawsearch.fit import build_problem, fit_with_effects
 from stepblocks.lawsearch.identifiability import find_indistinguishable_effects
 from stepblocks.loop.bench_model import list_candidate_laws, list_covariate_ranges
 from stepblocks.loop.session_table import build_session_table, estimate_unloaded_zeros
@@ -67,7 +67,7 @@ def test_a_certificate_of_the_spring_holds_its_ratio_and_says_what_a_gain_of_the
     for name, told in (("free", {}), ("certified", {"spring_constant": (9810.0, 20.0)})):
         table = build_session_table(features, 9810.0, 125e-6, scans, told)
         law = {e.id: e for e in table.model.candidates(table.trials)}["sensor_gain"]
-        fitted = fit(build_problem(table.model, table.trials), [law])
+        fitted = fit_with_effects(build_problem(table.model, table.trials), [law])
         stds[name] = fitted.std["sensor_gain.ln_gain"]
         assert fitted.values["sensor_gain.ln_gain"] == pytest.approx(0.05, abs=4.0 * stds[name])
     # the ramp shows the gain times the spring: a spring known to 0.2 % tells the gain to that,

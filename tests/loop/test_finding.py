@@ -21,7 +21,11 @@ from stepblocks.loop.finding import ErrorsInWords, format_finding_sentence, form
 from stepblocks.loop.record import EffectRecord, Estimate, ModelErrors, NoiseFloor, RivalEvidence
 from stepblocks.loop.run import analyse_features, loop_session
 from stepblocks.loop.session_table import build_session_table
-from stepblocks.loop.words import describe_covariate, find_slope_factor_and_unit, format_value
+from stepblocks.loop.words import (
+    describe_covariate,
+    find_slope_factor_and_unit,
+    format_in_readable_unit,
+)
 from stepblocks.rig.effects.grammar.compose import list_composed_laws
 from stepblocks.rig.effects.grammar.covariates import CovariateRange
 from stepblocks.rig.effects.named import list_named_laws
@@ -32,15 +36,15 @@ _SPEED = CovariateRange("speed_mm_s", 2.0, 20.0, log=True)
 
 def test_figures_are_read_in_the_units_of_the_bench():
     shown = [
-        format_value(13.8e-6, "m"),
-        format_value(-0.018, "N"),
-        format_value(0.0042, "s"),
-        format_value(456.0, "s"),
-        format_value(0.8, "1"),
-        format_value(0.2, "1/N^2"),
+        format_in_readable_unit(13.8e-6, "m"),
+        format_in_readable_unit(-0.018, "N"),
+        format_in_readable_unit(0.0042, "s"),
+        format_in_readable_unit(456.0, "s"),
+        format_in_readable_unit(0.8, "1"),
+        format_in_readable_unit(0.2, "1/N^2"),
     ]
     assert shown == ["13.8 µm", "-18 mN", "4.2 ms", "456 s", "0.8", "0.2 1/N^2"]
-    assert format_value(9808.79, "N/m") == "9.81 N/mm"
+    assert format_in_readable_unit(9808.79, "N/m") == "9.81 N/mm"
 
 
 @pytest.mark.parametrize(
@@ -59,7 +63,7 @@ def test_figures_are_read_in_the_units_of_the_bench():
 )
 def test_a_figure_has_the_digits_that_its_interval_leaves_it(value, unit, half_width, shown):
     # origin: two digits of the half width, as GUM 7.2.6 has it
-    assert format_value(value, unit, half_width) == shown
+    assert format_in_readable_unit(value, unit, half_width) == shown
 
 
 def test_an_effect_is_said_with_its_figures_and_the_error_before_and_after(worn):

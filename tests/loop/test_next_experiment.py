@@ -9,7 +9,7 @@ from stepblocks.declaration.read import load_set
 from stepblocks.lawsearch.choice import Rival
 from stepblocks.lawsearch.discrimination import RankedSetting
 from stepblocks.lawsearch.findings import Finding, Verdict
-from stepblocks.lawsearch.fit import fit
+from stepblocks.lawsearch.fit import fit_with_effects
 from stepblocks.loop.bench_model import list_candidate_laws, list_covariate_ranges
 from stepblocks.loop.experiment import (
     NextBlock,
@@ -40,7 +40,7 @@ def test_a_claim_without_a_rival_is_tried_against_nothing(found):
         if e.id == "load_dependent_friction"
     )
     claim = replace(found.findings[0], effect=law, rivals=())
-    extended = fit(found.problem, (law,), {"load_dependent_friction.exponent": 0.1})
+    extended = fit_with_effects(found.problem, (law,), {"load_dependent_friction.exponent": 0.1})
     asked = propose_experiment(replace(found, findings=(claim,), extended=extended))
     assert asked.separates == ("load_dependent_friction", "nothing")
     gains = [trial.expected_gain for trial in asked.trials]
@@ -65,7 +65,7 @@ def test_only_what_the_bench_has_done_is_asked_for_and_only_where_the_tip_slips(
     for law in list_candidate_laws(trials, list_covariate_ranges(trials)):
         if law.id not in ("load_dependent_friction", "edge_rounding", "viscous_drag"):
             continue
-        fitted = fit(found.problem, (law,), {})
+        fitted = fit_with_effects(found.problem, (law,), {})
         if law.id == "viscous_drag":
             # there is none, and none that is negative: claim one
             drag = {"viscous_drag.coefficient_n_s_per_m": 2.0}
@@ -105,7 +105,7 @@ def test_rivals_are_asked_apart_from_each_other(found):
         for e in list_candidate_laws(trials, list_covariate_ranges(trials))
         if e.id == "trend_friction_run_order"
     )
-    fitted = fit(found.problem, (law,), found.nominal.values)
+    fitted = fit_with_effects(found.problem, (law,), found.nominal.values)
     doubted = Finding(
         finding.effect, Verdict.AMBIGUOUS, finding.gate_p, finding.gain, (Rival(law, fitted, 1.0),)
     )
@@ -119,7 +119,7 @@ def test_the_height_of_a_block_is_asked_of_no_other_block(found):
     block = str(trials.block[0])
     law = next(e for e in list_named_laws([block]) if e.covariate == "block")
     claim = replace(found.findings[0], effect=law, rivals=())
-    extended = fit(found.problem, (law,), {f"{law.id}.height_error_m": 3e-6})
+    extended = fit_with_effects(found.problem, (law,), {f"{law.id}.height_error_m": 3e-6})
     asked = propose_experiment(replace(found, findings=(claim,), extended=extended))
     height = float(trials.covariates["height_um"][0])
     assert {one.settings["height_um"] for one in asked.trials} == {height}

@@ -15,7 +15,7 @@ from stepblocks.loop.apart_trial import ApartTrial
 from stepblocks.loop.channels import CHANNELS_IN_WORDS
 from stepblocks.loop.page import (
     Abscissa,
-    average_by_setting,
+    average_effect_by_setting,
     choose_plotted_covariate,
     compute_abscissa,
     compute_effect_change,
@@ -225,12 +225,12 @@ def test_an_effect_of_a_label_is_drawn_as_points_under_its_labels(result, monkey
 
 def test_few_settings_are_averaged_one_by_one_and_many_in_groups_of_equal_size():
     along = np.repeat([1.0, 2.0, 5.0], 4)
-    x, mean, spread = average_by_setting(along, along**2, np.ones(12))
+    x, mean, spread = average_effect_by_setting(along, along**2, np.ones(12))
     assert x.tolist() == [1.0, 2.0, 5.0]
     assert mean.tolist() == [1.0, 4.0, 25.0]
     assert spread.tolist() == [1.0, 1.0, 1.0]
     many = np.random.default_rng(1).permutation(100.0 * np.arange(200))
-    x, mean, _ = average_by_setting(many, many, np.ones(200))
+    x, mean, _ = average_effect_by_setting(many, many, np.ones(200))
     assert len(x) == 24
     assert np.all(np.diff(x) > 0.0)
     assert mean == pytest.approx(x)

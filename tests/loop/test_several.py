@@ -15,7 +15,7 @@ from oracles.feature_bench import bench_trials, block_scans, design_columns
 from oracles.features_file import features_of
 from stepblocks.errors import PipelineError
 from stepblocks.lawsearch.findings import Rules
-from stepblocks.lawsearch.fit import build_problem, fit
+from stepblocks.lawsearch.fit import build_problem, fit_with_effects
 from stepblocks.loop.run import write_loop_result
 from stepblocks.loop.session_table import build_session_table
 from stepblocks.loop.several import (
@@ -93,7 +93,7 @@ def measure_days(frictions, count=80):
 
 
 def fit_rounding(table):
-    return fit(build_problem(table.model, table.trials), [ROUNDED])
+    return fit_with_effects(build_problem(table.model, table.trials), [ROUNDED])
 
 
 @pytest.mark.long

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from stepblocks.contact.operating_point import Tool
 from stepblocks.lawsearch.forward_model import Trials
-from stepblocks.lawsearch.law import Active
+from stepblocks.lawsearch.law import ActiveEffects
 from stepblocks.loop.bench_model import SessionModel
 from stepblocks.rig.forward import make_height_error_name
 from stepblocks.rig.state import CHANNELS, compute_shown_channels
@@ -125,7 +125,7 @@ def block_scans(
 def bench_trials(
     columns: Mapping[str, NDArray[Any]],
     seed: int,
-    effects: Active = (),
+    effects: ActiveEffects = (),
     scatter: BenchScatter | None = None,
     truth: Mapping[str, float] | None = None,
 ) -> Trials:
@@ -187,7 +187,7 @@ def bench_trials(
 def noise_free(
     columns: Mapping[str, NDArray[Any]],
     seed: int,
-    effects: Active = (),
+    effects: ActiveEffects = (),
     truth: Mapping[str, float] | None = None,
     height_std: float = 1e-6,
 ) -> Floats:

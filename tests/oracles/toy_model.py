@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stepblocks.lawsearch.forward_model import Floats, Systematic, Trials
-from stepblocks.lawsearch.law import Active, Law, Parameter
+from stepblocks.lawsearch.law import ActiveEffects, Law, Parameter
 
 
 @dataclass(frozen=True)
@@ -31,14 +31,16 @@ class Toy:
     def systematics(self, trials: Trials) -> Sequence[Systematic]:
         return ()
 
-    def predict(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> Floats:
+    def predict(
+        self, trials: Trials, values: Mapping[str, float], effects: ActiveEffects = ()
+    ) -> Floats:
         level = np.full(len(trials), values["a"])
         for effect, own in effects:
             level = effect.apply(level, trials, own)
         return np.stack([level + values["b"] * trials.covariates["x"], 2.0 * level], axis=1)
 
     def responses(
-        self, trials: Trials, values: Mapping[str, float], effects: Active = ()
+        self, trials: Trials, values: Mapping[str, float], effects: ActiveEffects = ()
     ) -> Floats:
         return np.tile(np.array([[1.0], [2.0]]), (len(trials), 1, 1))
 

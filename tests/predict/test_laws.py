@@ -10,7 +10,7 @@ import stepblocks as sb
 from stepblocks.contact import laws
 from stepblocks.contact.critical_angle import find_step_angle
 from stepblocks.contact.energy import find_release
-from stepblocks.contact.laws import FrictionLaw, LinearContact, Stribeck, build_laws
+from stepblocks.contact.laws import FrictionLaw, LinearContact, Stribeck, build_declared_laws
 from stepblocks.declaration.read import load_set
 from stepblocks.drag.kernels.friction import compute_moved_spring_grip
 from stepblocks.errors import QuantityError, StepblocksError
@@ -78,7 +78,7 @@ def test_a_set_with_laws_is_written_and_read_back(tmp_path):
 )
 def test_a_wrong_law_is_one_line_with_its_rule(given, message):
     with pytest.raises(QuantityError, match=message):
-        build_laws(given)
+        build_declared_laws(given)
     with pytest.raises(StepblocksError, match=message):
         declare(laws=given)
 

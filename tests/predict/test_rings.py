@@ -9,7 +9,7 @@ from oracles.shipped import load_shipped
 from stepblocks.contact.counterface import Step
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import PAPER
-from stepblocks.drag.probe import DragSettings, build_probe
+from stepblocks.drag.probe import DragSettings, build_probe_of_tool
 from stepblocks.drag.ring import measure_ring
 from stepblocks.drag.simulate import simulate_drag
 from stepblocks.drag.track import build_track
@@ -39,7 +39,7 @@ def test_under_a_sheath_the_drag_rings_as_the_probe_in_it():
     # Origin: the drag in time of the probe that wears the sheath, set up here by hand.
     one = next(p for p in BESIDE if p.in_time is not None and p.in_time.share > 0.05)
     part = next(part for part in SHEATHS.stimuli if part.id == one.stimulus)
-    probe = build_probe(SHEATHS.predict_ring(part).as_tool(), one.point.ball_radius)
+    probe = build_probe_of_tool(SHEATHS.predict_ring(part).as_tool(), one.point.ball_radius)
     settings = DragSettings(one.point.normal_load, one.point.friction, speed=5e-3)
     trace = simulate_drag(build_track(one.face, one.point.ball_radius), probe, settings)
     assert one.in_time.share == pytest.approx(

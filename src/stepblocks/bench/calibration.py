@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 
-from stepblocks.contact.laws import build_laws
+from stepblocks.contact.laws import build_declared_laws
 from stepblocks.quantities import make_quantity_parser
 
 Stiffness = Annotated[
@@ -27,9 +27,9 @@ class Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-def _validate_declared_law(kind: str, declared: dict[str, Any]) -> dict[str, Any]:
+def _validate_declared_law(law_kind: str, declared: dict[str, Any]) -> dict[str, Any]:
     """Return a ``friction`` or ``contact`` law as declared; refuse one that cannot be built."""
-    build_laws({kind: declared})
+    build_declared_laws({law_kind: declared})
     return declared
 
 

@@ -65,14 +65,14 @@ def _parse_setting_quantity(text: str, dimension: str, setting_path: str) -> flo
         raise BenchError(f"`{setting_path}` {error}") from error
 
 
-def _require_finite(value: object) -> object:
+def _refuse_non_finite_number(value: object) -> object:
     """Return a value; refuse a number that is not finite."""
     if isinstance(value, float) and not math.isfinite(value):
         raise ValueError("input should be a finite number")
     return value
 
 
-_Gain = Annotated[float | str, BeforeValidator(_require_finite)]
+_Gain = Annotated[float | str, BeforeValidator(_refuse_non_finite_number)]
 
 
 class Channel(Strict):

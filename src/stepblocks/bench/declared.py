@@ -48,7 +48,7 @@ class Pilot(NamedTuple):
     features: Features
 
 
-class Slip(Enum):
+class DeclarationSlip(Enum):
     """A likely slip of session.toml; the value names what to correct."""
 
     TANGENTIAL_SIGN = "the sign of `acquisition.channels.tangential.factor` is reversed"
@@ -58,11 +58,11 @@ class Slip(Enum):
 
     def undo_in_trace(self, trace: Trace) -> Trace:
         """Return a trace as it reads without the slip."""
-        if self is Slip.TANGENTIAL_SIGN:
+        if self is DeclarationSlip.TANGENTIAL_SIGN:
             return Trace(trace.time, -trace.tangential, trace.normal)
-        if self is Slip.NORMAL_SIGN:
+        if self is DeclarationSlip.NORMAL_SIGN:
             return Trace(trace.time, trace.tangential, -trace.normal)
-        if self is Slip.BOTH_SIGNS:
+        if self is DeclarationSlip.BOTH_SIGNS:
             return Trace(trace.time, -trace.tangential, -trace.normal)
         return Trace(trace.time, trace.normal, trace.tangential)
 
@@ -140,7 +140,7 @@ def _is_any_pilot_plausible(session: Session, pilots: Sequence[Pilot]) -> bool:
 
 def _find_declaration_slip(
     traces: Traces, pilots: Sequence[Pilot], measured_pilots: Sequence[Pilot]
-) -> Slip | None:
+) -> DeclarationSlip | None:
     """Find the slip without which the trials agree with session.toml.
 
     A slip that the `measured_pilots` speak against is not tried, and one that explains
@@ -149,7 +149,7 @@ def _find_declaration_slip(
     stride = max(len(pilots) // _TRIED, 1)
     trials = [pilot.trial for pilot in pilots[::stride][:_TRIED]]
     read = _read_traces(traces, trials)
-    for slip in Slip:
+    for slip in DeclarationSlip:
         if _is_excluded_by_signs(slip, measured_pilots):
             continue
         first = _measure_corrected_traces(
@@ -168,16 +168,16 @@ def _find_declaration_slip(
     return None
 
 
-def _is_excluded_by_signs(slip: Slip, measured_pilots: Sequence[Pilot]) -> bool:
+def _is_excluded_by_signs(slip: DeclarationSlip, measured_pilots: Sequence[Pilot]) -> bool:
     """Tell whether the signs of the forces as measured rule out a slip.
 
     Where the normal force presses as it should, reversing it would pull; where friction holds back
     as well, reversing the tangential force would push.
     """
     presses = _has_positive_median(measured_pilots, "normal_load_n")
-    if slip in (Slip.NORMAL_SIGN, Slip.BOTH_SIGNS):
+    if slip in (DeclarationSlip.NORMAL_SIGN, DeclarationSlip.BOTH_SIGNS):
         return presses
-    if slip is Slip.TANGENTIAL_SIGN:
+    if slip is DeclarationSlip.TANGENTIAL_SIGN:
         return presses and _has_positive_median(measured_pilots, "sliding_friction")
     return False
 

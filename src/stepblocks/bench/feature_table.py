@@ -176,10 +176,10 @@ class LabelledRows:
 
 
 def _iterate_measured_conditions(
-    rows: RowStore, covariates: Sequence[str]
+    row_store: RowStore, covariates: Sequence[str]
 ) -> Iterator[tuple[int, dict[str, str]]]:
     """Yield row and conditions of each trial that was measured whole."""
-    for row in rows:
+    for row in row_store:
         if row.status is TrialStatus.OK:
             yield row.row, dict(zip(covariates, row.conditions, strict=True))
 
@@ -196,13 +196,13 @@ def write_feature_rows(rows: Iterable[FeatureRow], covariates: Sequence[str], pa
             writer.writerow([*map(escape_formula, texts), *values])
 
 
-def _format_feature_value(value: float | str) -> str:
+def _format_feature_value(feature: float | str) -> str:
     """Write a feature to nine significant digits; empty where it is not known."""
-    if isinstance(value, str):
-        return value
-    if not math.isfinite(value):
+    if isinstance(feature, str):
+        return feature
+    if not math.isfinite(feature):
         return ""
-    return f"{value:.9g}"
+    return f"{feature:.9g}"
 
 
 def build_feature_frame(rows: Sequence[FeatureRow], covariates: Sequence[str]) -> pd.DataFrame:
@@ -221,13 +221,13 @@ def build_feature_frame(rows: Sequence[FeatureRow], covariates: Sequence[str]) -
     )
 
 
-def _round_feature_value(value: float | str) -> float | str:
+def _round_feature_value(feature: float | str) -> float | str:
     """Round a feature to the nine significant digits of the file; infinities are not known."""
-    if isinstance(value, str):
-        return value
-    if not math.isfinite(value):
+    if isinstance(feature, str):
+        return feature
+    if not math.isfinite(feature):
         return math.nan
-    return float(_format_feature_value(value))
+    return float(_format_feature_value(feature))
 
 
 def _build_condition_frame(rows: Sequence[FeatureRow], covariates: Sequence[str]) -> pd.DataFrame:

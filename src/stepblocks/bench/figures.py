@@ -120,15 +120,15 @@ def draw_trials(
     return drawn
 
 
-def _find_trials_by_name(table: TrialTable, names: list[str] | None) -> list[Trial]:
+def _find_trials_by_name(table: TrialTable, trial_names: list[str] | None) -> list[Trial]:
     """Return the trials of these names, plain or escaped; the first ones without names."""
-    if names is None:
+    if trial_names is None:
         return list(islice(table, _FIRST))
-    missing = set(names)
+    missing = set(trial_names)
     chosen = []
     for trial in table:
         known = {trial.name, escape_formula(trial.name)}  # features have escaped names
-        if known & set(names):
+        if known & set(trial_names):
             chosen.append(trial)
             missing -= known
     if missing:

@@ -35,7 +35,7 @@ _MOST_LEVELS = 12  # of a column whose trials may have something in common
 _RUN = 4  # trials that fail together
 _TOGETHER = 0.5  # share of a group
 
-Labels = tuple[tuple[str, str], ...]  # columns of the table of trials, each with a value
+SharedLabels = tuple[tuple[str, str], ...]  # columns of the table of trials, each with a value
 
 
 @dataclass
@@ -348,8 +348,8 @@ class _TrialGroups:
     """Counts trials, and flagged ones among them, by the labels that they share."""
 
     def __init__(self) -> None:
-        self._counts: Counter[Labels] = Counter()
-        self._flagged_counts: Counter[Labels] = Counter()
+        self._counts: Counter[SharedLabels] = Counter()
+        self._flagged_counts: Counter[SharedLabels] = Counter()
         self._levels: dict[str, set[str]] = {}  # values of each column
         self._flagged_cells: dict[int, dict[str, str]] = {}
         self._run: list[int] = []  # flagged rows that followed one another up to now
@@ -376,10 +376,10 @@ class _TrialGroups:
             name = f"trials of the rows {self._run[0]} to {self._run[-1]}"
             self._shared |= dict.fromkeys(self._run, name)
 
-    def _list_labels_and_pairs(self, cells: Mapping[str, str]) -> list[Labels]:
+    def _list_labels_and_pairs(self, cells: Mapping[str, str]) -> list[SharedLabels]:
         """List the labels of a trial, and the pairs of them, that others may share."""
         usable = sorted(name for name in cells if len(self._levels[name]) <= _MOST_LEVELS)
-        labels: list[Labels] = [((name, cells[name]),) for name in usable]
+        labels: list[SharedLabels] = [((name, cells[name]),) for name in usable]
         for first, second in itertools.combinations(usable, 2):
             labels.append(((first, cells[first]), (second, cells[second])))
         return labels
@@ -387,12 +387,12 @@ class _TrialGroups:
     def find_flagged_groups(self) -> dict[int, str]:
         """Find the flagged rows whose group is mostly flagged; the most flagged names them."""
 
-        def rank(labels: Labels) -> tuple[float, int]:
+        def make_sort_key(labels: SharedLabels) -> tuple[float, int]:
             """Return a key that is least for the largest flagged share and the fewest labels."""
             return -self._flagged_counts[labels] / self._counts[labels], len(labels)
 
         shared = dict(self._shared)
-        for labels in sorted(self._counts, key=rank):
+        for labels in sorted(self._counts, key=make_sort_key):
             if not self._is_mostly_flagged(labels):
                 continue
             name = "trials of " + ", ".join(f"{column} {value}" for column, value in labels)
@@ -401,7 +401,7 @@ class _TrialGroups:
                     shared.setdefault(row, name)
         return shared
 
-    def _is_mostly_flagged(self, labels: Labels) -> bool:
+    def _is_mostly_flagged(self, labels: SharedLabels) -> bool:
         """Tell whether most trials of a group are flagged, and its labels take several levels."""
         for name, _ in labels:
             if not 1 < len(self._levels[name]) <= _MOST_LEVELS:

@@ -140,9 +140,9 @@ class TrialTable:
             record=self.swapped.get(name, name),
         )
 
-    def _find_row_fault(self, row: int, name: str, cell_count: int) -> TrialFault | None:
+    def _find_row_fault(self, row: int, trial_name: str, cell_count: int) -> TrialFault | None:
         """Say why a row cannot be used; None where it can."""
-        if name in self.excluded:
+        if trial_name in self.excluded:
             details = "left out by `trials.exclude` of session.toml"
             return TrialFault(FaultKind.WITHOUT_HEADING, details)
         if cell_count != len(self.header):
@@ -153,7 +153,7 @@ class TrialTable:
             )
         if row in self.repeated:
             return self.repeated[row]
-        if not name:
+        if not trial_name:
             details = f"row {row} of the table names no trial"
             return TrialFault(FaultKind.WITHOUT_HEADING, details)
         return None
@@ -321,7 +321,7 @@ def _scan_for_repeated_trials(table: TextTable, trial_column_index: int) -> _Row
     return scan
 
 
-def _match_declared_trials(session: Session, names: Iterable[str]) -> dict[str | int, str]:
+def _match_declared_trials(session: Session, trial_names: Iterable[str]) -> dict[str | int, str]:
     """Match the trials that session.toml excludes or swaps with their names in the table.
 
     Raises
@@ -336,7 +336,7 @@ def _match_declared_trials(session: Session, names: Iterable[str]) -> dict[str |
     found: dict[str | int, str] = {}
     mistakes: list[Mistake] = []
     for number in dict.fromkeys(declared):
-        name = _match_trial_name(number, names)
+        name = _match_trial_name(number, trial_names)
         if name is None:
             rule = "`trials.exclude` and `trials.swap` must name trials of the table"
             mistakes.append(("", f"{rule}, got {number!r}"))
@@ -354,10 +354,10 @@ def _match_declared_trials(session: Session, names: Iterable[str]) -> dict[str |
     return found
 
 
-def _match_trial_name(declared: str | int, names: Iterable[str]) -> str | None:
+def _match_trial_name(declared: str | int, trial_names: Iterable[str]) -> str | None:
     """Return the name in the table of a declared trial, or None; 73 may be written 0073."""
     text = str(declared)
-    for name in names:
+    for name in trial_names:
         if name == text:
             return name
         if name.isdigit() and name.lstrip("0") == text:

@@ -228,7 +228,9 @@ def run_on_cluster(
 
     versions = collect_versions()
     _refuse_cluster_of_other_versions(client, versions)
-    queue = _Queue(client, _Order(versions, collect_worker_environment(), function), iter(calls))
+    queue = _CallQueue(
+        client, _ClusterFunction(versions, collect_worker_environment(), function), iter(calls)
+    )
     try:
         yield from queue.iterate_results(in_order=in_order)
     except KilledWorker as error:
@@ -257,7 +259,7 @@ class _SchedulerLostError(Exception):
 
 
 @dataclass(frozen=True)
-class _Order:
+class _ClusterFunction:
     """What a worker needs beside the arguments of a call."""
 
     versions: Versions  # of the client
@@ -295,10 +297,12 @@ def _is_disk_unwritable(error: BaseException | None) -> bool:
     return False
 
 
-class _Queue:
+class _CallQueue:
     """Keeps a scheduler supplied with calls, and takes what comes back."""
 
-    def __init__(self, client: "Client", order: _Order, calls: Iterator[tuple[Any, ...]]) -> None:
+    def __init__(
+        self, client: "Client", order: _ClusterFunction, calls: Iterator[tuple[Any, ...]]
+    ) -> None:
         self._client = client
         self._order = order
         self._calls = calls
@@ -413,7 +417,7 @@ def _refuse_cluster_of_other_versions(client: "Client", versions: Versions) -> N
 
 
 def _refuse_other_versions(
-    expected_versions: Versions, found_versions: Versions, place: str
+    expected_versions: Versions, found_versions: Versions, place_in_message: str
 ) -> None:
     """Refuse a place of a cluster where a version is not that of the client, and name both."""
     differences = []
@@ -424,7 +428,7 @@ def _refuse_other_versions(
     if differences:
         raise PipelineError(
             "the cluster must have the code and libraries of the client, got "
-            f"{'; '.join(differences)} [{place}]"
+            f"{'; '.join(differences)} [{place_in_message}]"
         )
 
 

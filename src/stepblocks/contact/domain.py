@@ -47,19 +47,23 @@ def convert_fields_in_place(
 
 
 def _require_within_bounds(
-    name: str, value: float, dimension: str, low: float | None, high: float
+    name: str, value: float, dimension: str, lower_bound: float | None, upper_bound: float
 ) -> None:
     """Refuse a value outside its bounds; without a lower one it must be positive."""
     unit = DIMENSIONS[dimension]
-    if low is None:
+    if lower_bound is None:
         require_positive(name, value, unit)
-    elif low == 0.0:
+    elif lower_bound == 0.0:
         require_not_negative(name, value, unit)
     else:
         require_finite(name, value, unit)
-    if value <= high and (low is None or value >= low):
+    if value <= upper_bound and (lower_bound is None or value >= lower_bound):
         return
-    rule = f"be at most {high:g}" if low is None else f"lie between {low:g} and {high:g}"
+    rule = (
+        f"be at most {upper_bound:g}"
+        if lower_bound is None
+        else f"lie between {lower_bound:g} and {upper_bound:g}"
+    )
     message = f"{name} must {rule} {unit}".rstrip() + f", got {value:g}"
     if dimension == "length":
         message += "; lengths are in metres: 25 um is 25e-6"

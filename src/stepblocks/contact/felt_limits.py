@@ -87,7 +87,7 @@ def find_felt_limits(
     if face.release(point).status is not Status.RELEASES:
         raise ContactError("limits by what is felt need a drag that releases")
     slopes = compute_sensitivities(face, point, dict.fromkeys([*free_inputs, *fixed_limits], 1.0))
-    wish = _Wish(face, point, slopes, free_inputs, fixed_limits)
+    wish = _LimitSearch(face, point, slopes, free_inputs, fixed_limits)
     upwards = _find_deviations_within_budget(wish, bounds.rise, +1.0)
     downwards = _find_deviations_within_budget(wish, bounds.fall, -1.0)
     limits = {}
@@ -98,7 +98,7 @@ def find_felt_limits(
 
 
 @dataclass(frozen=True)
-class _Wish:
+class _LimitSearch:
     """Which inputs of a drag get limits, and which have them."""
 
     face: Counterface
@@ -149,7 +149,7 @@ def _compute_log_energy_change(
 
 
 def _find_deviations_within_budget(
-    wish: _Wish, budget: float, direction: float
+    wish: _LimitSearch, budget: float, direction: float
 ) -> dict[str, float]:
     """Share a budget of ln E in one direction; return the signed deviation of each free input."""
     spent = _choose_extreme_corner(wish.fixed, wish.slopes, direction)

@@ -264,7 +264,7 @@ _DIMENSIONS = {
 }
 
 
-def build_laws(declared: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+def build_declared_laws(declared: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     """Build the laws that a file declares under ``friction``, ``contact`` and ``tool``.
 
     The name of each, under ``law``, is that of a law that ships or of an entry point of the group
@@ -273,18 +273,20 @@ def build_laws(declared: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     return {kind: _build_declared_law(kind, **numbers) for kind, numbers in declared.items()}
 
 
-def _build_declared_law(kind: str, law: str = "", **numbers: Any) -> object:
+def _build_declared_law(law_kind: str, law: str = "", **numbers: Any) -> object:
     """Build one law of a kind from its name and its numbers."""
-    if kind not in _KINDS:
-        raise QuantityError(f"laws must be of {', '.join(_KINDS)}, got {kind!r}")
+    if law_kind not in _KINDS:
+        raise QuantityError(f"laws must be of {', '.join(_KINDS)}, got {law_kind!r}")
     try:
         make = _find_law_factory(law)
         values = {name: _read_law_parameter(name, value) for name, value in numbers.items()}
         built = make(**values)
     except (TypeError, ContactError) as error:
-        raise QuantityError(f"law of {kind} {law!r}: {error}") from error
-    if not isinstance(built, _KINDS[kind]):
-        raise QuantityError(f"law of {kind} must be of {_KINDS[kind].__name__}, {law!r} is not")
+        raise QuantityError(f"law of {law_kind} {law!r}: {error}") from error
+    if not isinstance(built, _KINDS[law_kind]):
+        raise QuantityError(
+            f"law of {law_kind} must be of {_KINDS[law_kind].__name__}, {law!r} is not"
+        )
     return built
 
 

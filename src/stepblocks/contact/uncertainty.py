@@ -260,17 +260,17 @@ def estimate_interval(
 
 
 def _read_uncertainties(
-    uncertainty: Mapping[str, Measure], names: Sequence[str]
+    uncertainty: Mapping[str, Measure], input_names: Sequence[str]
 ) -> dict[str, float]:
     """Return uncertainties [SI] in the order of their inputs; refuse unknown or negative ones."""
     read = {}
     for name, value in uncertainty.items():
-        if name not in names:
-            raise ContactError(f"uncertainty must be of {', '.join(names)}, got {name!r}")
+        if name not in input_names:
+            raise ContactError(f"uncertainty must be of {', '.join(input_names)}, got {name!r}")
         dimension = _DIMENSIONS.get(name, "length")
         read[name] = read_number(f"uncertainty of {name}", value, dimension)
         require_not_negative(f"uncertainty of {name}", read[name])
-    return {name: read[name] for name in names if name in read}
+    return {name: read[name] for name in input_names if name in read}
 
 
 def _estimate_energy_interval_to_first_order(

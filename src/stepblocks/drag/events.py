@@ -9,7 +9,7 @@ from dataclasses import replace
 from stepblocks.contact.counterface import Counterface
 from stepblocks.contact.energy import Status
 from stepblocks.contact.operating_point import OperatingPoint
-from stepblocks.drag.probe import DragSettings, build_probe
+from stepblocks.drag.probe import DragSettings, build_probe_of_tool
 from stepblocks.drag.ring import measure_ring
 from stepblocks.drag.simulate import Belonging, DragEvent, DragTrace, simulate_drag
 from stepblocks.drag.track import build_track
@@ -88,6 +88,6 @@ def drag_face(
     within = None
     if track.feature is not None:
         within = track.feature.first, track.feature.last
-    built_probe = build_probe(point.tool, point.ball_radius, point.contact, **(probe or {}))
+    built_probe = build_probe_of_tool(point.tool, point.ball_radius, point.contact, **(probe or {}))
     drag_settings = DragSettings.from_point(point, **(settings or {}))
     return simulate_drag(track, built_probe, drag_settings, within)

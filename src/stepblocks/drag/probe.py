@@ -241,7 +241,7 @@ class DragSettings:
         return tangent * self.normal_load + self.tissue_friction
 
 
-def build_probe(
+def build_probe_of_tool(
     tool: Tool, ball_radius: float, contact: ContactLaw | None = None, /, **changes: float
 ) -> Probe:
     """Return the probe that rings as a tool does.
@@ -272,7 +272,7 @@ def build_probe(
     return Probe(**(values | changes), overtones=tuple(overtones))
 
 
-PAPER_DRAG = build_probe(PAPER.tool, PAPER.ball_radius)
+PAPER_DRAG = build_probe_of_tool(PAPER.tool, PAPER.ball_radius)
 
 
 @dataclass(frozen=True)

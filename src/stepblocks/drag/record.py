@@ -102,8 +102,8 @@ class DragRecord:
             "ledger_j": self.ledger_j,
             "ledger_error": self.ledger_error,
             "time_step_s": self.time_step_s,
-            "probe": _dump_probe(self.probe),
-            "settings": _dump_settings(self.settings),
+            "probe": _make_probe_fields(self.probe),
+            "settings": _make_settings_fields(self.settings),
             "tool_frequency_hz": self.tool_frequency_hz,
             "tool_frequency_deviation_hz": self.tool_frequency_deviation_hz,
             "events": self.events,
@@ -119,11 +119,11 @@ class DragRecord:
             if part is not None:
                 document |= asdict(part)
         if self.equation_1 is not None:
-            document["equation_1"] = _dump_formula(self.equation_1)
+            document["equation_1"] = _make_formula_fields(self.equation_1)
         return document
 
 
-def build_record(drag: DragResult) -> DragRecord:
+def build_drag_record(drag: DragResult) -> DragRecord:
     """Build the record of a drag."""
     trace, ring = drag.trace, drag.ring
     events = json.loads(drag.events.to_json(orient="records", double_precision=15))
@@ -131,7 +131,7 @@ def build_record(drag: DragResult) -> DragRecord:
     elsewhere = drag.events[is_elsewhere]
     other_releases = (elsewhere.status == Status.RELEASES.value).sum()
     reason = _explain_status(trace, ring)
-    texture = _describe_texture(elsewhere, drag.ball_radius)
+    texture = _make_texture_record(elsewhere, drag.ball_radius)
     return DragRecord(
         subject=drag.title,
         status=str(trace.status),
@@ -145,22 +145,22 @@ def build_record(drag: DragResult) -> DragRecord:
         events=events,
         other_releases=int(other_releases),
         reason=reason,
-        limit=_describe_limit(drag),
+        limit=_explain_exceeded_limit(drag),
         setting=drag.setting,
         texture=texture,
         ring=_make_ring_record(trace, ring),
         equation_1=_make_formula_record(drag.formula),
-        comparison=_compare_with_formula(drag),
+        comparison=_make_comparison_record(drag),
     )
 
 
-def _dump_probe(probe: Probe) -> dict[str, object]:
+def _make_probe_fields(probe: Probe) -> dict[str, object]:
     """Return every field of a probe as plain values, its overtones as lists."""
     overtones = [list(mode) for mode in probe.overtones]
     return asdict(probe) | {"overtones": overtones}
 
 
-def _dump_settings(settings: DragSettings) -> dict[str, object]:
+def _make_settings_fields(settings: DragSettings) -> dict[str, object]:
     """Return every field of the settings, a law of friction as text and only where there is one."""
     document = dict(vars(settings))
     law = document.pop("friction_law")
@@ -169,7 +169,7 @@ def _dump_settings(settings: DragSettings) -> dict[str, object]:
     return document
 
 
-def _dump_formula(formula: FormulaRecord) -> dict[str, object]:
+def _make_formula_fields(formula: FormulaRecord) -> dict[str, object]:
     """Return what equation (1) says as plain values, without what it does not say."""
     return {name: value for name, value in asdict(formula).items() if value is not None}
 
@@ -184,7 +184,7 @@ def _explain_status(trace: DragTrace, ring: Ring | None) -> str:
     return trace.reason
 
 
-def _describe_limit(drag: DragResult) -> str:
+def _explain_exceeded_limit(drag: DragResult) -> str:
     """Say which limit equation (1) takes more than, since a drag in time itself has none."""
     first = drag.tool.limits.first
     pull = drag.formula.pull_force
@@ -196,7 +196,7 @@ def _describe_limit(drag: DragResult) -> str:
     )
 
 
-def _describe_texture(elsewhere: pd.DataFrame, ball_radius: float) -> TextureRecord | None:
+def _make_texture_record(elsewhere: pd.DataFrame, ball_radius: float) -> TextureRecord | None:
     """Find the step that the texture hides, from the events that are not of the feature."""
     if len(elsewhere) == 0:
         return None
@@ -237,7 +237,7 @@ def _make_formula_record(formula: Release) -> FormulaRecord | None:
     return FormulaRecord(str(formula.status), formula.pull_force, formula.vibration_energy)
 
 
-def _compare_with_formula(drag: DragResult) -> ComparisonRecord | None:
+def _make_comparison_record(drag: DragResult) -> ComparisonRecord | None:
     """Compare the drag with equation (1), where both release."""
     if drag.ring is None or drag.formula.status is not Status.RELEASES:
         return None
@@ -249,7 +249,7 @@ def _explain_difference(drag: DragResult) -> str:
     """Say how far the pull is from equation (1), and what each cause adds to it."""
     trace, pull = drag.trace, drag.formula.pull_force
     causes = []
-    for cause, size in _list_causes(drag).items():
+    for cause, size in _estimate_causes_of_difference(drag).items():
         if abs(size) > _NOTABLE * pull:
             causes.append(f"{cause} ({1e3 * float(size):+.3g} mN)")
     if trace.asked > 0:
@@ -260,7 +260,7 @@ def _explain_difference(drag: DragResult) -> str:
     )
 
 
-def _list_causes(drag: DragResult) -> dict[str, float]:
+def _estimate_causes_of_difference(drag: DragResult) -> dict[str, float]:
     """List what equation (1) leaves out, and what each adds to its pull to first order [N]."""
     trace, probe, settings = drag.trace, drag.trace.probe, drag.trace.settings
     pull, angle, load = drag.formula.pull_force, drag.formula.angle, settings.normal_load

@@ -21,7 +21,7 @@ from stepblocks.drag.events import drag_face
 from stepblocks.drag.figures import draw_forces, draw_spectra, plot_force_with_events
 from stepblocks.drag.kernels import COLUMNS
 from stepblocks.drag.probe import SETTINGS, Setting
-from stepblocks.drag.record import build_record
+from stepblocks.drag.record import build_drag_record
 from stepblocks.drag.result import DragResult
 from stepblocks.drag.subject import resolve_subject
 from stepblocks.errors import ContactError, PipelineError
@@ -148,7 +148,7 @@ class Drag(DragResult):
     @cached_property
     def summary(self) -> dict[str, Any]:
         """What ``drag.json`` says of the release that was asked about, units in the names."""
-        return build_record(self).to_json()
+        return build_drag_record(self).to_json()
 
     def write(self, folder: Path) -> None:
         """Write ``trace.csv``, ``events.csv``, ``drag.json`` and ``force.png``.
@@ -280,25 +280,25 @@ def drag_over(
     )
 
 
-def _get_named_setting(name: str | None) -> Setting | None:
+def _get_named_setting(setting_name: str | None) -> Setting | None:
     """Find a named setting."""
-    if name is None:
+    if setting_name is None:
         return None
-    if name not in SETTINGS:
-        raise PipelineError(f"setting must be one of {', '.join(SETTINGS)}, got {name!r}")
-    return SETTINGS[name]
+    if setting_name not in SETTINGS:
+        raise PipelineError(f"setting must be one of {', '.join(SETTINGS)}, got {setting_name!r}")
+    return SETTINGS[setting_name]
 
 
-def _select_drag_settings(values: Mapping[str, float]) -> dict[str, float]:
+def _select_drag_settings(keywords: Mapping[str, float]) -> dict[str, float]:
     """Choose the fields of `DragSettings` from the keywords; a pull moves the handle by a force."""
-    if "pull" in values and "speed" in values:
+    if "pull" in keywords and "speed" in keywords:
         raise PipelineError("speed must not be given beside pull, which moves the handle")
-    settings = {name: values[name] for name in _OF_SETTINGS if name in values}
-    if values.get("pull"):
+    settings = {name: keywords[name] for name in _OF_SETTINGS if name in keywords}
+    if keywords.get("pull"):
         settings["speed"] = 0.0
-        settings["pulling_force"] = values["pull"]
-        settings["handle_mass"] = values.get("handle_mass", _HANDLE_MASS)
-        settings["handle_damping"] = values.get("handle_damping", _GUIDE_DAMPING)
-    elif "handle_mass" in values or "handle_damping" in values:
+        settings["pulling_force"] = keywords["pull"]
+        settings["handle_mass"] = keywords.get("handle_mass", _HANDLE_MASS)
+        settings["handle_damping"] = keywords.get("handle_damping", _GUIDE_DAMPING)
+    elif "handle_mass" in keywords or "handle_damping" in keywords:
         raise PipelineError("handle_mass and handle_damping are for a handle that a pull moves")
     return settings

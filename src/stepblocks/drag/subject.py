@@ -89,14 +89,14 @@ def _read_profile(path: Path, layout: TableLayout) -> Profile:
 
 
 def _make_surface_subject(
-    name: str, face: Counterface, values: Mapping[str, float], place: str = ""
+    name: str, face: Counterface, replaced_values: Mapping[str, float], place_in_message: str = ""
 ) -> Subject:
     """Make a subject of a surface under the paper's conditions; its shape cannot be changed."""
     for size in ("edge_radius", "step_height"):
-        if size in values:
-            rule = f"{size} is for a plain step; {face!r} has its own shape {place}"
+        if size in replaced_values:
+            rule = f"{size} is for a plain step; {face!r} has its own shape {place_in_message}"
             raise PipelineError(rule.rstrip())
-    return Subject(name, face, change_operating_point(PAPER, values), place)
+    return Subject(name, face, change_operating_point(PAPER, replaced_values), place_in_message)
 
 
 class _DeclaredPart(NamedTuple):
@@ -107,14 +107,14 @@ class _DeclaredPart(NamedTuple):
 
 
 def _make_declared_subject(
-    declared: _DeclaredPart, values: Mapping[str, float], backward: bool
+    declared: _DeclaredPart, replaced_values: Mapping[str, float], backward: bool
 ) -> Subject:
     """Make a subject of a part that a tip crosses, or of a tip over a step.
 
-    It is under the first conditions of its set, tip, load and friction, unless `values` differ.
+    It is under the first conditions of its set, tip, load and friction, unless the values differ.
     """
     stimuli, part = declared
-    _refuse_values_declared_by_part(declared, values)
+    _refuse_values_declared_by_part(declared, replaced_values)
     point = choose_operating_point(stimuli, part, {})
     if part.crossed:
         face = part.counterface(None)
@@ -124,16 +124,18 @@ def _make_declared_subject(
         if len(part.split_edges()) > 1:
             name = f"{name}, first step"
     else:
-        height = values.get("step_height", stimuli.prediction.step_heights[0])
+        height = replaced_values.get("step_height", stimuli.prediction.step_heights[0])
         face = part.counterface(height)
         probe = part.id
         if part.ball is None:
             probe = f"probe in {part.id}"
         name = f"{probe} over a step of {format_quantity(height, 'length')}"
-    return Subject(name, face, change_operating_point(point, values))
+    return Subject(name, face, change_operating_point(point, replaced_values))
 
 
-def _refuse_values_declared_by_part(declared: _DeclaredPart, values: Mapping[str, float]) -> None:
+def _refuse_values_declared_by_part(
+    declared: _DeclaredPart, replaced_values: Mapping[str, float]
+) -> None:
     """Refuse a value that the part declares itself."""
     stimuli, part = declared
     rules = {"edge_radius": "--edge-radius is for a plain step; a stimulus declares its own"}
@@ -142,7 +144,7 @@ def _refuse_values_declared_by_part(declared: _DeclaredPart, values: Mapping[str
     if part.crossed:
         rules["step_height"] = "--step-height is for a declared tip; a block declares its own"
     for name, rule in rules.items():
-        if name in values:
+        if name in replaced_values:
             raise PipelineError(f"{rule} [{stimuli.name}/{part.id}]")
 
 
@@ -167,15 +169,15 @@ def _iterate_parts_and_edges(declared: StimulusSet) -> Iterator[Part]:
             yield from edges
 
 
-def _find_declared_part(text: str, stimuli: Sets | None) -> _DeclaredPart:
+def _find_declared_part(address: str, stimuli: Sets | None) -> _DeclaredPart:
     """Find a stimulus by ``ID``, ``SET/ID`` or ``FILE.toml/ID``."""
-    folder, _, identity = text.rpartition("/")
+    folder, _, identity = address.rpartition("/")
     if folder.endswith(".toml"):
         sets, pattern = load_sets(Path(folder)), identity
     elif stimuli is not None or Path("stimuli").is_dir():
-        sets, pattern = load_sets(stimuli), text
+        sets, pattern = load_sets(stimuli), address
     else:
-        raise PipelineError(f"{_RULE}, or FILE.toml/ID (no folder stimuli here), got {text!r}")
+        raise PipelineError(f"{_RULE}, or FILE.toml/ID (no folder stimuli here), got {address!r}")
     matches = []
     for declared, _ in sets:
         for part in _iterate_parts_and_edges(declared):
@@ -185,7 +187,7 @@ def _find_declared_part(text: str, stimuli: Sets | None) -> _DeclaredPart:
         places = ", ".join(place for _, place in sets)
         identities = ", ".join(part.id for declared, _ in sets for part in declared.stimuli)
         raise PipelineError(
-            f"{_RULE}, or declared in {places}, got {text!r}; declared are {identities:.200}"
+            f"{_RULE}, or declared in {places}, got {address!r}; declared are {identities:.200}"
         )
     if len(matches) > 1:
         names = ", ".join(f"{stimuli.name}/{part.id}" for stimuli, part in matches)

@@ -9,7 +9,7 @@ from scipy import stats
 from scipy.linalg import orth
 from statsmodels.regression.linear_model import OLS
 
-from stepblocks.lawsearch.fit import fit
+from stepblocks.lawsearch.fit import fit_with_effects
 from stepblocks.lawsearch.forward_model import Floats, Trials
 from stepblocks.lawsearch.law import correct_p_values_by_holm
 from stepblocks.lawsearch.problem import Fit, Problem
@@ -115,7 +115,7 @@ def fit_without_each_channel(problem: Problem, current: Fit) -> list[HiddenChann
     for hidden in np.identity(len(values.T), dtype=np.bool_):
         trials = replace(problem.trials, values=np.where(hidden, np.nan, values))
         part = replace(problem, trials=trials).add_shared_errors(problem.common, current)
-        fits.append(HiddenChannel(part, fit(part, current.effects, current.values)))
+        fits.append(HiddenChannel(part, fit_with_effects(part, current.effects, current.values)))
     return fits
 
 
@@ -142,7 +142,7 @@ def find_largest_gain_shares(
     by_trial = by_value.sum(axis=1)
     gain_without = []
     for hidden in without_channel:
-        without_effect = fit(hidden.problem, base.effects, base.values)
+        without_effect = fit_with_effects(hidden.problem, base.effects, base.values)
         gain_without.append(without_effect.cost - hidden.fitted.cost)
     return LargestShares(
         trial=Share(int(np.argmax(by_trial)), float(by_trial.max()) / gain),
@@ -150,7 +150,7 @@ def find_largest_gain_shares(
     )
 
 
-def test_residuals_against_covariates(problem: Problem, fitted: Fit) -> ResidualChecks:
+def run_residual_checks(problem: Problem, fitted: Fit) -> ResidualChecks:
     """Test the whitened residual of every channel against a smooth function of every covariate."""
     trials = problem.trials
     by_trial = fitted.residual.reshape(trials.values.shape)
@@ -235,7 +235,7 @@ def depends_on_covariates(values: Floats, trials: Trials) -> bool:
     return len(p_values) * min(p_values, default=1.0) < LEVEL
 
 
-def test_misfit_against_replicates(
+def compare_misfit_with_replicates(
     residual: Floats, replicate_labels: Sequence[object], constant_count: int
 ) -> ReplicateTest:
     """Test the misfit of a model against the scatter among trials of equal settings.

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from stepblocks.lawsearch.directions import compute_tangent
-from stepblocks.lawsearch.fit import fit
+from stepblocks.lawsearch.fit import fit_with_effects
 from stepblocks.lawsearch.forward_model import Floats
 from stepblocks.lawsearch.gate import Gate, Score, score_candidates
 from stepblocks.lawsearch.law import Law
@@ -202,7 +202,9 @@ def _fit_candidate(problem: Problem, base: Fit, score: Score, rival_criterion: f
         else:
             start[name] = score.shape.get(p.name, p.start)
     try:
-        found = fit(problem, (*base.effects, effect), start, _EVALUATIONS, rival_criterion)
+        found = fit_with_effects(
+            problem, (*base.effects, effect), start, _EVALUATIONS, rival_criterion
+        )
         # a change that lies far behind at its likeliest place does not lead from another one
         if effect.steps and not is_hopeless(0.0, found.criterion - rival_criterion):
             found = _fit_from_further_jump_places(problem, found, effect)
@@ -226,7 +228,9 @@ def _fit_from_further_jump_places(problem: Problem, found: Fit, effect: Law) -> 
     fits = [found]
     for i in order[1:_PLACES_TRIED]:
         with suppress(HopelessFitError):
-            fits.append(fit(problem, found.effects, starts[i], _EVALUATIONS, found.criterion))
+            fits.append(
+                fit_with_effects(problem, found.effects, starts[i], _EVALUATIONS, found.criterion)
+            )
     return min(fits, key=lambda fitted: fitted.criterion)
 
 
@@ -278,7 +282,7 @@ def _rescore_at_best_jump_place(
 
 
 def _list_jump_places_nearby(
-    problem: Problem, law: Law, shape: Mapping[str, float], jump_parameter: str
+    problem: Problem, law: Law, shape_values: Mapping[str, float], jump_parameter: str
 ) -> Floats:
     """List the middles between neighbouring readings near one place of a sudden change.
 
@@ -292,20 +296,22 @@ def _list_jump_places_nearby(
         return np.empty(0)
     readings = np.unique(numbers[np.isfinite(numbers)])
     middles = 0.5 * (readings[1:] + readings[:-1])
-    is_near = np.abs(middles - shape[jump_parameter]) <= _SEARCHED_SHARE * (
+    is_near = np.abs(middles - shape_values[jump_parameter]) <= _SEARCHED_SHARE * (
         readings[-1] - readings[0]
     )
     for step in law.steps:
-        if shape[step] < shape[jump_parameter]:
-            is_near &= middles > shape[step]
-        elif shape[step] > shape[jump_parameter]:
-            is_near &= middles < shape[step]
+        if shape_values[step] < shape_values[jump_parameter]:
+            is_near &= middles > shape_values[step]
+        elif shape_values[step] > shape_values[jump_parameter]:
+            is_near &= middles < shape_values[step]
     return np.asarray(middles[is_near])
 
 
-def _compute_residual_cost(problem: Problem, found: Fit, values: Mapping[str, float]) -> float:
+def _compute_residual_cost(
+    problem: Problem, found: Fit, parameter_values: Mapping[str, float]
+) -> float:
     """Return the sum of squares of the whitened residuals of a fit at other values."""
-    residual = problem.trials.values - problem.predict(found.effects, values)
+    residual = problem.trials.values - problem.predict(found.effects, parameter_values)
     return float(np.sum(problem.noise.whiten(residual) ** 2))
 
 

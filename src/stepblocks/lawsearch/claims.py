@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 from scipy import stats
 
-from stepblocks.lawsearch.adequacy import test_misfit_against_replicates
+from stepblocks.lawsearch.adequacy import compare_misfit_with_replicates
 from stepblocks.lawsearch.findings import Doubt, Explanation, Finding, Verdict, list_effects
-from stepblocks.lawsearch.fit import fit
+from stepblocks.lawsearch.fit import fit_with_effects
 from stepblocks.lawsearch.forward_model import Floats
 from stepblocks.lawsearch.holdout import (
     Fold,
@@ -82,7 +82,7 @@ def _find_channel_lacking_fit(
     residual = np.where(seen, extended.residual.reshape(seen.shape), np.nan)
     p_values = []
     for column in residual.T:
-        test = test_misfit_against_replicates(column, replicate_labels, len(extended.parameters))
+        test = compare_misfit_with_replicates(column, replicate_labels, len(extended.parameters))
         p_values.append(test.lack_of_fit_p_value)
     known = [p_value for p_value in p_values if np.isfinite(p_value)]
     if not known or min(known) * len(known) >= _LACK_OF_FIT:
@@ -247,12 +247,12 @@ def _drop_weakest_finding(
         if finding.effect.id not in kept_ids:
             droppable.append(finding)
 
-    def rank(finding: Finding) -> tuple[bool, float]:
+    def make_sort_key(finding: Finding) -> tuple[bool, float]:
         """Rank what was taken out without a claim first, then by the gain."""
         is_claim = finding.effect.id not in walk_ids
         return is_claim, finding.gain
 
-    weakest = min(droppable, key=rank)
+    weakest = min(droppable, key=make_sort_key)
     return tuple(finding for finding in findings if finding is not weakest)
 
 
@@ -273,7 +273,7 @@ def _refit_with_kept_findings(
     if not dropped:
         return explanation
     start: Mapping[str, float] = explanation.extended.values
-    extended = fit(explanation.problem, effects, start)
+    extended = fit_with_effects(explanation.problem, effects, start)
     explanation = replace(explanation, findings=findings, extended=extended)
     if not claimed:
         return explanation

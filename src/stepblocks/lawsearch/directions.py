@@ -31,7 +31,7 @@ _SIZES_BY_TABLE: WeakKeyDictionary[Trials, dict[Hashable, Floats]] = WeakKeyDict
 
 
 @dataclass(frozen=True)
-class _Shared:
+class _SharedSlopes:
     """What laws share at one fit.
 
     Attributes
@@ -96,7 +96,7 @@ def compute_tangent(problem: Problem, base: Fit, effect: Law, shape: Mapping[str
 
     Amplitudes are in units of their scales; the shape is (n c, a).
     """
-    changes = _compute_amplitude_changes(problem, base, _ShapedLaw(effect, shape), _Shared())
+    changes = _compute_amplitude_changes(problem, base, _ShapedLaw(effect, shape), _SharedSlopes())
     return problem.noise.whiten(np.stack(changes, axis=2))
 
 
@@ -122,7 +122,7 @@ def compute_directions(
     vectors : Floats, optional
         Shape (n c + q, m), what is projected on the directions.
     """
-    view = _View.build(problem, known, vectors)
+    view = _WhitenedView.build(problem, known, vectors)
     shaped = _list_shaped_laws(effects)
     by_slope: dict[_SlopeKey, list[int]] = {}
     without_size: list[int] = []
@@ -131,7 +131,7 @@ def compute_directions(
             by_slope.setdefault(_make_slope_key(problem, member.law), []).append(number)
         else:
             without_size.append(number)
-    shared = _Shared()
+    shared = _SharedSlopes()
     _add_slopes(problem, base, [shaped[numbers[0]] for numbers in by_slope.values()], shared)
     found: dict[int, Direction | None] = {}
     for numbers in by_slope.values():
@@ -158,7 +158,7 @@ def compute_unit_directions(
 
     A law that the constants imitate has none. Parameters are those of `compute_directions`.
     """
-    shared = _Shared()
+    shared = _SharedSlopes()
     units = {}
     for member in _list_shaped_laws(effects):
         (change,) = _compute_amplitude_changes(problem, base, member, shared)
@@ -184,7 +184,7 @@ def _list_shaped_laws(effects: Sequence[Law]) -> list[_ShapedLaw]:
 
 
 @dataclass(frozen=True)
-class _View:
+class _WhitenedView:
     """How a design sees changes of the prediction: beside errors that trials share and constants.
 
     With ``y`` a change turned by the factors of each trial, whitening leaves ``y - B (1 - s) B' y``
@@ -210,7 +210,7 @@ class _View:
     vectors: Floats
 
     @classmethod
-    def build(cls, problem: Problem, known: Floats, vectors: Floats | None) -> "_View":
+    def build(cls, problem: Problem, known: Floats, vectors: Floats | None) -> "_WhitenedView":
         """Build the view of a problem; see `compute_directions`."""
         noise = problem.noise
         shape = (*problem.trials.values.shape, -1)
@@ -229,16 +229,16 @@ class _View:
         """Turn changes of shape (n, c, k) by the factors of each trial; what is missing is zero."""
         return np.asarray(self.factors @ np.where(np.isfinite(change), change, 0.0))
 
-    def compute_inner_products(self, turned: Floats) -> "_Seen":
+    def compute_inner_products(self, turned: Floats) -> "_InnerProducts":
         """Find the inner products of turned changes of shape (n, c, k)."""
         flat = turned.reshape(-1, turned.shape[2])
 
-        def multiply(rows: Floats) -> Floats:
+        def multiply_with_changes(rows: Floats) -> Floats:
             return np.asarray(rows.reshape(len(flat), -1).T @ flat)
 
-        return self._combine_inner_products(flat.T @ flat, multiply)
+        return self._combine_inner_products(flat.T @ flat, multiply_with_changes)
 
-    def compute_sized_inner_products(self, turned: Floats, sizes: Floats) -> "_Seen":
+    def compute_sized_inner_products(self, turned: Floats, sizes: Floats) -> "_InnerProducts":
         """Find the inner products of changes by one number per trial.
 
         Parameters
@@ -250,20 +250,24 @@ class _View:
         """
         square = np.sum(turned**2, axis=1)
 
-        def multiply(rows: Floats) -> Floats:
+        def multiply_with_changes(rows: Floats) -> Floats:
             of_trials = (turned[:, None, :] @ rows)[:, 0]
             return np.asarray(of_trials.T @ sizes)
 
-        return self._combine_inner_products((sizes * square[:, None]).T @ sizes, multiply)
+        return self._combine_inner_products(
+            (sizes * square[:, None]).T @ sizes, multiply_with_changes
+        )
 
-    def _combine_inner_products(self, own: Floats, multiply: Callable[[Floats], Floats]) -> "_Seen":
+    def _combine_inner_products(
+        self, own: Floats, multiply: Callable[[Floats], Floats]
+    ) -> "_InnerProducts":
         """Combine the products of changes with themselves and with the vectors of the view."""
         shared, known = multiply(self.shared), multiply(self.known)
         whitened = own - shared.T @ shared
-        return _Seen(whitened, whitened - known.T @ known, multiply(self.vectors).T)
+        return _InnerProducts(whitened, whitened - known.T @ known, multiply(self.vectors).T)
 
 
-class _Seen(NamedTuple):
+class _InnerProducts(NamedTuple):
     """Inner products of k changes, whitened.
 
     Attributes
@@ -282,7 +286,11 @@ class _Seen(NamedTuple):
 
 
 def _compute_sized_law_directions(
-    problem: Problem, base: Fit, view: _View, members: Sequence[_ShapedLaw], shared: _Shared
+    problem: Problem,
+    base: Fit,
+    view: _WhitenedView,
+    members: Sequence[_ShapedLaw],
+    shared: _SharedSlopes,
 ) -> list[Direction | None]:
     """Find the directions of laws that share a slope; see `compute_directions`."""
     sizes = []
@@ -300,13 +308,13 @@ def _compute_sized_law_directions(
 
 
 def _compute_other_law_directions(
-    problem: Problem, base: Fit, view: _View, members: Sequence[_ShapedLaw]
+    problem: Problem, base: Fit, view: _WhitenedView, members: Sequence[_ShapedLaw]
 ) -> list[Direction | None]:
     """Find the directions of laws that change a state in their own way."""
     changes: list[Floats] = []
     widths = []
     for member in members:
-        of_law = _compute_amplitude_changes(problem, base, member, _Shared())
+        of_law = _compute_amplitude_changes(problem, base, member, _SharedSlopes())
         changes += of_law
         widths.append(len(of_law))
     seen = view.compute_inner_products(view.decorrelate_by_trial(np.stack(changes, axis=2)))
@@ -314,7 +322,7 @@ def _compute_other_law_directions(
 
 
 def _build_directions(
-    members: Sequence[_ShapedLaw], widths: Sequence[int], seen: _Seen
+    members: Sequence[_ShapedLaw], widths: Sequence[int], seen: _InnerProducts
 ) -> list[Direction | None]:
     """Build the directions of laws from the inner products of their changes side by side.
 
@@ -360,7 +368,7 @@ def _compute_single_scales(squared_lengths: Floats, moves: NDArray[np.bool_]) ->
 
 
 def _compute_amplitude_changes(
-    problem: Problem, base: Fit, shaped: _ShapedLaw, shared: _Shared
+    problem: Problem, base: Fit, shaped: _ShapedLaw, shared: _SharedSlopes
 ) -> list[Floats]:
     """Find the change of the prediction per unit of each amplitude, each of shape (n, c).
 
@@ -381,7 +389,7 @@ def _compute_amplitude_changes(
 
 
 def _compute_slope_and_sizes(
-    problem: Problem, base: Fit, shaped: _ShapedLaw, shared: _Shared
+    problem: Problem, base: Fit, shaped: _ShapedLaw, shared: _SharedSlopes
 ) -> tuple[Floats, Floats]:
     """Find the slope of the prediction in the number by which a law changes each trial.
 
@@ -417,7 +425,7 @@ def _compute_slope_and_sizes(
 
 
 def _add_slopes(
-    problem: Problem, base: Fit, members: Sequence[_ShapedLaw], shared: _Shared
+    problem: Problem, base: Fit, members: Sequence[_ShapedLaw], shared: _SharedSlopes
 ) -> None:
     """Add the slopes of laws to those that are shared, and what the laws follow.
 

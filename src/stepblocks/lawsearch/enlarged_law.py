@@ -50,12 +50,14 @@ class EnlargedLaw:
         steps = np.zeros(point_count)
         steps[point] = self.step
 
-        def enlarge(column: NDArray[np.generic], law_values: Mapping[str, float]) -> Floats:
+        def compute_enlarged_size(
+            column: NDArray[np.generic], law_values: Mapping[str, float]
+        ) -> Floats:
             """Return the numbers of the law, larger by the enlargement, shape (n,)."""
             self.columns.append(column)
             return np.asarray(self.apply.size(column, law_values) + law_values[_ENLARGEMENT])
 
-        law = replace(self.effect, apply=replace(self.apply, size=enlarge))
+        law = replace(self.effect, apply=replace(self.apply, size=compute_enlarged_size))
         return law, {**self.effect.pick_own_values(values), _ENLARGEMENT: steps}
 
     def select_followed_column(self, point: int, trial_count: int) -> NDArray[np.generic]:

@@ -14,7 +14,7 @@ from stepblocks.lawsearch.judge import judge_search
 from stepblocks.lawsearch.law import Law
 from stepblocks.lawsearch.mixture import estimate_bad_trial_chances
 from stepblocks.lawsearch.scatter import mark_outliers
-from stepblocks.lawsearch.search import DeployedError, search_effects_and_structure
+from stepblocks.lawsearch.search import DeployedErrorFunction, search_effects_and_structure
 
 _BAD = 0.5  # chance that a trial went wrong, from which it is held apart
 _ROUNDS = 3
@@ -26,7 +26,7 @@ def explain(
     trials: Trials | pd.DataFrame,
     candidates: Sequence[Law],
     rules: Rules | None = None,
-    deployed: DeployedError | None = None,
+    deployed: DeployedErrorFunction | None = None,
     announce: Callable[[str], None] | None = None,
 ) -> Explanation:
     """Find what a model lacks, with trials that went wrong held apart.

@@ -26,7 +26,7 @@ _SINGULAR = 1e-9  # ratio of singular values below which a direction counts as u
 _WEIGHTINGS = 2  # rounds in which noise and constants are found from each other
 
 
-def fit(
+def fit_with_effects(
     problem: Problem,
     effects: Sequence[Law] = (),
     start: Mapping[str, float] | None = None,
@@ -112,7 +112,7 @@ def _has_room_to_improve(solution: OptimizeResult, bounds: tuple[Floats, Floats]
 
 def fit_without(problem: Problem, current: Fit, effect: Law) -> Fit:
     """Fit again without one of the effects of a fit."""
-    return fit(problem, current.list_other_effects(effect), current.values)
+    return fit_with_effects(problem, current.list_other_effects(effect), current.values)
 
 
 def build_problem(model: ForwardModel, trials: Trials) -> Problem:
@@ -134,7 +134,7 @@ def build_problem(model: ForwardModel, trials: Trials) -> Problem:
         responses = model.responses(trials, start)
         noise = build_noise_without_model(model, trials, responses, systematics)
         problem = Problem(model, trials, noise)
-        fitted = fit(problem)
+        fitted = fit_with_effects(problem)
         start = fitted.values
     # without room for a level of each specimen, the regression takes heights for scatter
     specimens = len(set(trials.block.tolist()))

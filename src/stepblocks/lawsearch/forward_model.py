@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from stepblocks.errors import PipelineError
-from stepblocks.lawsearch.law import Active, ActiveAtPoints, Parameter
+from stepblocks.lawsearch.law import ActiveEffects, ActiveEffectsAtPoints, Parameter
 
 Floats = NDArray[np.float64]
 
@@ -174,12 +174,12 @@ class ForwardModel(Protocol):
         """Return the errors that trials share."""
 
     def predict(
-        self, trials: "Trials", values: Mapping[str, float], effects: Active = ()
+        self, trials: "Trials", values: Mapping[str, float], effects: ActiveEffects = ()
     ) -> Floats:
         """Predict all channels, shape (n, c)."""
 
     def responses(
-        self, trials: "Trials", values: Mapping[str, float], effects: Active = ()
+        self, trials: "Trials", values: Mapping[str, float], effects: ActiveEffects = ()
     ) -> Floats:
         """Return the change of all channels per unit of each quantity, shape (n, c, k)."""
 
@@ -192,7 +192,7 @@ class StackingModel(ForwardModel, Protocol):
     """
 
     def predict_stack(
-        self, trials: "Trials", points: Mapping[str, Floats], effects: ActiveAtPoints = ()
+        self, trials: "Trials", points: Mapping[str, Floats], effects: ActiveEffectsAtPoints = ()
     ) -> Floats:
         """Predict all channels at k points, shape (k, n, c).
 

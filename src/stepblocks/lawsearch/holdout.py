@@ -10,7 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from stepblocks.lawsearch.findings import Rules
-from stepblocks.lawsearch.fit import build_problem, fit
+from stepblocks.lawsearch.fit import build_problem, fit_with_effects
 from stepblocks.lawsearch.forward_model import Floats, Trials
 from stepblocks.lawsearch.law import Law
 from stepblocks.lawsearch.problem import Fit, Problem
@@ -21,7 +21,7 @@ from stepblocks.lawsearch.search import search_effects_and_structure
 _MOST_OPEN = 5.0
 _PLACE_SLACK = 1e-6  # by which the place of a sudden change may move while it is held
 
-Rows = NDArray[np.intp]
+RowIndices = NDArray[np.intp]
 ListCandidates = Callable[[Trials], Sequence[Law]]  # effects that may be asked of a table
 
 
@@ -84,7 +84,7 @@ def _compute_rms(errors: Floats) -> float:
     return float(np.sqrt(np.mean(finite**2)))
 
 
-def split_within_blocks(trials: Trials, fold_count: int, seed: int = 0) -> list[Rows]:
+def split_within_blocks(trials: Trials, fold_count: int, seed: int = 0) -> list[RowIndices]:
     """Split trials at random so that each fold holds some of every block.
 
     Returns
@@ -102,12 +102,12 @@ def split_within_blocks(trials: Trials, fold_count: int, seed: int = 0) -> list[
     return _list_rows_by_fold(fold, fold_count)
 
 
-def _list_rows_by_fold(fold_of_row: Rows, fold_count: int) -> list[Rows]:
+def _list_rows_by_fold(fold_of_row: RowIndices, fold_count: int) -> list[RowIndices]:
     """List the rows of each fold, by the fold of each row, shape (n,)."""
     return [np.flatnonzero(fold_of_row == number) for number in range(fold_count)]
 
 
-def split_by_block(trials: Trials, fold_limit: int) -> list[Rows]:
+def split_by_block(trials: Trials, fold_limit: int) -> list[RowIndices]:
     """Split trials so that each fold holds whole blocks.
 
     Returns
@@ -132,11 +132,11 @@ class Fold:
         Of all others.
     """
 
-    rows: Rows
+    rows: RowIndices
     problem: Problem
 
 
-def build_folds(whole: Problem, rows_of_folds: Sequence[Rows]) -> list[Fold]:
+def build_folds(whole: Problem, rows_of_folds: Sequence[RowIndices]) -> list[Fold]:
     """Build folds, each with the problem of the trials that it leaves.
 
     Parameters
@@ -183,7 +183,7 @@ def select_effects_without_fold(
             of_all_trials[law.id] = law
     if not set(chosen) - set(of_all_trials):
         return chosen
-    whole = fit(found.problem, list(of_all_trials.values()), fitted_values)
+    whole = fit_with_effects(found.problem, list(of_all_trials.values()), fitted_values)
     if whole.criterion <= found.extended.criterion + rules.margin:
         return tuple(of_all_trials)
     return chosen
@@ -222,7 +222,7 @@ class HeldOutPredictor:
     def compute_held_out_errors(
         self,
         effects: Sequence[Law],
-        start: Mapping[str, float] | None = None,
+        start_values: Mapping[str, float] | None = None,
         prior_shift: float = 0.0,
     ) -> list[Floats]:
         """Compute errors on held-out trials, measured less predicted.
@@ -231,7 +231,7 @@ class HeldOutPredictor:
         ----------
         effects : sequence of Law
             Effects of the model.
-        start : Mapping[str, float], optional
+        start_values : Mapping[str, float], optional
             Where fits begin. Places of sudden changes are held there.
         prior_shift : float
             Prior standard deviations by which the unknown of new specimens is moved.
@@ -246,26 +246,26 @@ class HeldOutPredictor:
             error = np.full(self._trials.values.shape, np.nan)
             for with_laws in folds:
                 rows = with_laws.fold.rows
-                predicted = self._predict_fold(with_laws, effects, start, prior_shift)
+                predicted = self._predict_fold(with_laws, effects, start_values, prior_shift)
                 error[rows] = self._trials.values[rows] - predicted
             errors.append(error)
         whole = self._nominal
         if effects:
-            whole = fit(self._problem, effects, start)
+            whole = fit_with_effects(self._problem, effects, start_values)
         return [*errors, self._trials.values - whole.predicted]
 
     def _predict_fold(
         self,
         with_laws: "_FoldWithLaws",
         effects: Sequence[Law],
-        start: Mapping[str, float] | None,
+        start_values: Mapping[str, float] | None,
         prior_shift: float,
     ) -> Floats:
         """Predict the trials that a fold holds out; see `compute_held_out_errors`."""
         fold = with_laws.fold
         known = _list_effects_known_to_fold(with_laws.laws, effects)
-        held = [_fix_jump_places(law, start or {}) for law in known]
-        fitted = fit(fold.problem, held, start)
+        held = [_fix_jump_places(law, start_values or {}) for law in known]
+        fitted = fit_with_effects(fold.problem, held, start_values)
         test = self._trials.take(fold.rows)
         starts = {}
         for p in self._model.parameters(test):

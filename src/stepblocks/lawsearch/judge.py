@@ -9,7 +9,7 @@ from stepblocks.lawsearch.adequacy import (
     HiddenChannel,
     find_largest_gain_shares,
     fit_without_each_channel,
-    test_residuals_against_covariates,
+    run_residual_checks,
 )
 from stepblocks.lawsearch.choice import Rival, select_likeliest_rivals
 from stepblocks.lawsearch.findings import (
@@ -20,7 +20,7 @@ from stepblocks.lawsearch.findings import (
     SearchResult,
     Verdict,
 )
-from stepblocks.lawsearch.fit import fit, fit_without
+from stepblocks.lawsearch.fit import fit_with_effects, fit_without
 from stepblocks.lawsearch.law import Law, remove_variant_mark
 from stepblocks.lawsearch.problem import Fit, Problem
 from stepblocks.lawsearch.search import choose_replacement_candidate
@@ -40,7 +40,7 @@ def judge_search(found: SearchResult, candidates: Sequence[Law], rules: Rules) -
     """Judge every effect that a search has found, and the whole."""
     problem, current = found.problem, found.extended
     findings = _judge_effects(found, candidates, rules)
-    checks = test_residuals_against_covariates(problem, current)
+    checks = run_residual_checks(problem, current)
     gate_is_open = found.last_gate_p <= rules.alpha
     verdicts = [finding.verdict for finding in findings]
     verdict = min(verdicts, key=_WEAKEST_FIRST.index, default=Verdict.NONE)
@@ -49,7 +49,7 @@ def judge_search(found: SearchResult, candidates: Sequence[Law], rules: Rules) -
         # it improves the fit, not the explanation
         verdict = Verdict.UNEXPLAINED
         reason = Doubt.RESIDUAL_LEFT
-    nominal = fit(problem)
+    nominal = fit_with_effects(problem)
     if gate_is_open:
         findings = _withdraw_weak_findings(findings, nominal.cost - current.cost)
         if findings and verdict is not Verdict.NONE:

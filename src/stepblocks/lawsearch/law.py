@@ -189,9 +189,11 @@ class Law:
         return {self.name_in_fit(name): value for name, value in values.items()}
 
 
-Active = Sequence[tuple[Law, Mapping[str, float]]]  # effects with the values of their parameters
+ActiveEffects = Sequence[
+    tuple[Law, Mapping[str, float]]
+]  # effects with the values of their parameters
 # the same at k points: each value is one number for all of them, or an array of shape (k,)
-ActiveAtPoints = Sequence[tuple[Law, Mapping[str, float | NDArray[np.float64]]]]
+ActiveEffectsAtPoints = Sequence[tuple[Law, Mapping[str, float | NDArray[np.float64]]]]
 
 
 def collect_law_ids(effects: Iterable[Law]) -> set[str]:

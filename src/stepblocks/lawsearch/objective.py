@@ -144,9 +144,9 @@ class Objective:
         variance = measured + scatter.channels + responses**2 @ scatter.quantities
         self.spread = np.sqrt(variance[self.censored])
 
-    def name_values(self, x: Floats) -> dict[str, float]:
+    def name_values(self, scaled_values: Floats) -> dict[str, float]:
         """Return the values of all parameters by name, in their units."""
-        values = (x * self.scale).tolist()
+        values = (scaled_values * self.scale).tolist()
         return dict(zip(self.names, values, strict=True))
 
     def _map_names_to_constants(self, points: Floats) -> dict[str, Floats]:
@@ -154,27 +154,27 @@ class Objective:
         columns = (points * self.scale).T[: self.constants]
         return dict(zip(self.names[: self.constants], columns, strict=True))
 
-    def predict(self, x: Floats) -> Floats:
+    def predict(self, scaled_values: Floats) -> Floats:
         """Predict all channels, shape (n, c)."""
         # a Jacobian asks for what its residual has just asked for
-        if self._last_prediction is None or not np.array_equal(self._last_x, x):
-            self._last_x = x.copy()
-            self._last_prediction = self._compute_prediction(x)
+        if self._last_prediction is None or not np.array_equal(self._last_x, scaled_values):
+            self._last_x = scaled_values.copy()
+            self._last_prediction = self._compute_prediction(scaled_values)
         return self._last_prediction
 
-    def _compute_prediction(self, x: Floats) -> Floats:
+    def _compute_prediction(self, scaled_values: Floats) -> Floats:
         """Predict all channels at values that are not asked for again, shape (n, c)."""
-        return self.problem.predict(self.effects, self.name_values(x))
+        return self.problem.predict(self.effects, self.name_values(scaled_values))
 
-    def residual(self, x: Floats) -> Floats:
+    def residual(self, scaled_values: Floats) -> Floats:
         """Compute whitened residuals, departures from priors, and terms of censored values."""
-        predicted = self.predict(x)
+        predicted = self.predict(scaled_values)
         white = self.problem.noise.whiten(self.problem.trials.values - predicted)
-        departure = ((self.start - x) * self.prior)[self.with_prior]
+        departure = ((self.start - scaled_values) * self.prior)[self.with_prior]
         above_floor = (predicted[self.censored] - self.floor) / self.spread
         return np.concatenate([white, departure, np.sqrt(-2.0 * log_ndtr(above_floor))])
 
-    def jacobian(self, x: Floats) -> Floats:
+    def jacobian(self, scaled_values: Floats) -> Floats:
         """Compute the derivative of the residual.
 
         Raises
@@ -183,17 +183,17 @@ class Objective:
             If the fit is unlikely to reach its rival.
         """
         # a fit that goes on by another method begins with the slopes that the first one ended with
-        if self._last_slopes is None or not np.array_equal(self._last_slopes_at, x):
-            self._last_slopes_at = x.copy()
-            self._last_slopes = self._compute_slopes(x)
+        if self._last_slopes is None or not np.array_equal(self._last_slopes_at, scaled_values):
+            self._last_slopes_at = scaled_values.copy()
+            self._last_slopes = self._compute_slopes(scaled_values)
         self.steps_taken += 1
-        self._raise_if_hopeless(self._last_slopes, x)
+        self._raise_if_hopeless(self._last_slopes, scaled_values)
         return -self._last_slopes
 
-    def _compute_slopes(self, x: Floats) -> Floats:
+    def _compute_slopes(self, scaled_values: Floats) -> Floats:
         """Find the slopes of the whitened prediction, of priors and of terms of censored values."""
-        base = self.predict(x)
-        slopes = self._differentiate_prediction(x, base)
+        base = self.predict(scaled_values)
+        slopes = self._differentiate_prediction(scaled_values, base)
         return np.vstack(
             [
                 self.problem.noise.whiten(slopes),
@@ -202,12 +202,12 @@ class Objective:
             ]
         )
 
-    def _differentiate_prediction(self, x: Floats, base: Floats) -> Floats:
+    def _differentiate_prediction(self, scaled_values: Floats, base: Floats) -> Floats:
         """Find the slope of the prediction `base` in every parameter, shape (n, c, p)."""
-        step = np.where(x + STEP > self.bounds[1], -STEP, STEP)
-        shifted = np.tile(x, (self.layer.max() + 1, 1))
-        shifted[self.layer, range(len(x))] += np.where(self.sized, 0.0, step)
-        values = self.name_values(x)
+        step = np.where(scaled_values + STEP > self.bounds[1], -STEP, STEP)
+        shifted = np.tile(scaled_values, (self.layer.max() + 1, 1))
+        shifted[self.layer, range(len(scaled_values))] += np.where(self.sized, 0.0, step)
+        values = self.name_values(scaled_values)
         enlarged = enlarge_sized_laws(self.effects, STEP)
         # a law may only take values that hold for all trials: where one is shifted stands alone
         stacked = np.setdiff1d(np.arange(len(shifted)), self.layers_of_laws)
@@ -238,13 +238,13 @@ class Objective:
         density = np.exp(-0.5 * above_floor**2 - log_chance) / np.sqrt(2.0 * np.pi)
         return np.asarray(density / np.sqrt(np.maximum(-2.0 * log_chance, 1e-24)) / self.spread)
 
-    def _raise_if_hopeless(self, slopes: Floats, x: Floats) -> None:
+    def _raise_if_hopeless(self, slopes: Floats, scaled_values: Floats) -> None:
         """Raise `HopelessFitError` where the next step cannot bring the fit near its rival."""
         if not np.isfinite(self.rival_cost):
             return
-        residual = self.residual(x)
+        residual = self.residual(scaled_values)
         # a step over a bound promises what no fit can keep
-        is_free = mark_free_parameters(x, -slopes.T @ residual, self.bounds)
+        is_free = mark_free_parameters(scaled_values, -slopes.T @ residual, self.bounds)
         gain = compute_linearised_gain(slopes[:, is_free], residual)
         lead = float(residual @ residual) - self.rival_cost
         share = self._shares[min(self.steps_taken, len(self._shares)) - 1]
@@ -253,13 +253,13 @@ class Objective:
 
 
 def mark_free_parameters(
-    x: Floats, gradient: Floats, bounds: tuple[Floats, Floats]
+    scaled_values: Floats, gradient: Floats, bounds: tuple[Floats, Floats]
 ) -> NDArray[np.bool_]:
     """Mark the parameters that the cost does not press against a bound, shape (p,).
 
     Parameters
     ----------
-    x : array of shape (p,)
+    scaled_values : array of shape (p,)
         Parameters in units of their scales.
     gradient : array of shape (p,)
         Of the cost.
@@ -267,7 +267,7 @@ def mark_free_parameters(
         Lower and upper ones.
     """
     low, high = bounds
-    way_down = np.where(gradient > 0.0, x - low, high - x)
+    way_down = np.where(gradient > 0.0, scaled_values - low, high - scaled_values)
     return np.asarray(way_down > STEP)
 
 

@@ -12,7 +12,13 @@ from stepblocks.lawsearch.forward_model import (
     Systematic,
     Trials,
 )
-from stepblocks.lawsearch.law import Active, ActiveAtPoints, Law, Parameter, collect_law_ids
+from stepblocks.lawsearch.law import (
+    ActiveEffects,
+    ActiveEffectsAtPoints,
+    Law,
+    Parameter,
+    collect_law_ids,
+)
 from stepblocks.lawsearch.noise import Noise, build_noise
 from stepblocks.lawsearch.scatter import (
     Residual,
@@ -72,11 +78,11 @@ class Fit:
         return collect_law_ids(self.effects)
 
     @property
-    def active_effects(self) -> Active:
+    def active_effects(self) -> ActiveEffects:
         """Effects with their fitted values."""
         return pair_with_values(self.effects, self.values)
 
-    def list_other_active_effects(self, effect: Law) -> Active:
+    def list_other_active_effects(self, effect: Law) -> ActiveEffects:
         """List all effects but one, with their fitted values."""
         return pair_with_values(self.list_other_effects(effect), self.values)
 
@@ -154,7 +160,7 @@ class Problem:
         return self.model.predict(self.trials, values, pair_with_values(effects, values))
 
     def predict_stack(
-        self, point_count: int, points: Mapping[str, Floats], effects: ActiveAtPoints
+        self, point_count: int, points: Mapping[str, Floats], effects: ActiveEffectsAtPoints
     ) -> Floats:
         """Predict all channels at k points, shape (k, n, c).
 
@@ -223,18 +229,18 @@ class Problem:
 
 
 def _pick_values_at_point(
-    values: Mapping[str, float | Floats], point_index: int
+    point_values: Mapping[str, float | Floats], point_index: int
 ) -> dict[str, float]:
     """Return the values at one of k points; those that are one number hold at all of them."""
     at_point = {}
-    for name, value in values.items():
+    for name, value in point_values.items():
         at_point[name] = (
             float(value[point_index]) if isinstance(value, np.ndarray) else float(value)
         )
     return at_point
 
 
-def pair_with_values(effects: Sequence[Law], values: Mapping[str, float]) -> Active:
+def pair_with_values(effects: Sequence[Law], values: Mapping[str, float]) -> ActiveEffects:
     """Pair each effect with its own values among those of a fit."""
     return [(law, law.pick_own_values(values)) for law in effects]
 

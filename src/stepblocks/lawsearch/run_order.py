@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.lawsearch.fit import fit, fit_without
+from stepblocks.lawsearch.fit import fit_with_effects, fit_without
 from stepblocks.lawsearch.forward_model import Floats, Systematic
 from stepblocks.lawsearch.law import Law
 from stepblocks.lawsearch.problem import Fit, Problem
@@ -52,7 +52,7 @@ def fit_without_time_effects(problem: Problem, current: Fit) -> Fit:
     for law in current.effects:
         if not follows_time(problem, law):
             remaining.append(law)
-    return fit(problem, remaining, current.values)
+    return fit_with_effects(problem, remaining, current.values)
 
 
 def find_quantities_like_random_walks(problem: Problem, current: Fit) -> set[str]:

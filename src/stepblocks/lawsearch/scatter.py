@@ -246,24 +246,24 @@ def mark_outliers(trials: Trials, threshold: float = _OUTLIER_DEVIATIONS) -> NDA
 def _mark_channel_outliers(
     basis: Floats,
     seen_rows: NDArray[np.intp],
-    values: Floats,
-    std: Floats,
+    channel_values: Floats,
+    channel_std: Floats,
     *,
     known_outliers: NDArray[np.bool_],
     threshold: float,
 ) -> NDArray[np.bool_]:
     """Mark the outliers of one channel about a regression without the `known_outliers`.
 
-    `values`, `std` and `known_outliers` have the shape (n,); the result has one entry for each
-    row in `seen_rows`.
+    Values, deviations and `known_outliers` have the shape (n,); the result has one entry for
+    each row in `seen_rows`.
     """
     used = seen_rows[~known_outliers[seen_rows]]
-    weights = np.linalg.lstsq(basis[used], values[used], rcond=None)[0]
-    residual = values[seen_rows] - basis[seen_rows] @ weights
+    weights = np.linalg.lstsq(basis[used], channel_values[used], rcond=None)[0]
+    residual = channel_values[seen_rows] - basis[seen_rows] @ weights
     typical = np.median(np.abs(residual[~known_outliers[seen_rows]]))
     # the regression has bent towards the values that it used
     bent = np.sqrt(len(used) / max(len(used) - basis.shape[1], 1))
-    noise = np.hypot(_MAD_TO_STD * (typical * bent), std[seen_rows])
+    noise = np.hypot(_MAD_TO_STD * (typical * bent), channel_std[seen_rows])
     return np.asarray(np.abs(residual) > threshold * np.maximum(noise, 1e-300))
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 from stepblocks.lawsearch.choice import Choice, choose_candidate
 from stepblocks.lawsearch.findings import Rules, SearchResult
-from stepblocks.lawsearch.fit import fit, fit_without
+from stepblocks.lawsearch.fit import fit_with_effects, fit_without
 from stepblocks.lawsearch.gate import score_candidates
 from stepblocks.lawsearch.law import Law
 from stepblocks.lawsearch.problem import Fit, Problem
@@ -21,8 +21,8 @@ from stepblocks.lawsearch.structure import (
     estimate_errors_in_order,
     find_structure_hints,
     list_wandering_quantities,
+    make_neighbour_correlation_hint,
     make_wandering_hint,
-    test_neighbour_correlation,
 )
 
 _LEAST_EXCHANGE_GAIN = 4.0  # of the criterion, below which an exchange is not made
@@ -30,7 +30,7 @@ _LEAST_SMOOTH_GAIN = 10.0  # of the criterion, for which a smooth replaces a law
 _WANDERING_LEVEL = 0.01  # of the test by which a quantity is said to wander
 _EXCHANGE_FITS = 6  # laws, and smooths, that are fitted in the place of another
 
-DeployedError = Callable[[Fit], float]  # error of a fit where it will be used
+DeployedErrorFunction = Callable[[Fit], float]  # error of a fit where it will be used
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ def search_effects_and_structure(
     problem: Problem,
     candidates: Sequence[Law],
     rules: Rules,
-    deployed: DeployedError | None = None,
+    deployed: DeployedErrorFunction | None = None,
     announce: Callable[[str], None] | None = None,
 ) -> SearchResult:
     """Search for effects, then for structure in the residuals.
@@ -120,7 +120,7 @@ def _do_neighbouring_errors_correlate(found: SearchResult, quantity: str) -> boo
     """
     base = fit_without_time_effects(found.problem, found.extended)
     errors = estimate_errors_in_order(found.problem, base)[quantity]
-    return test_neighbour_correlation(quantity, errors.values).p_value < _WANDERING_LEVEL
+    return make_neighbour_correlation_hint(quantity, errors.values).p_value < _WANDERING_LEVEL
 
 
 def _add_wandering_to_noise(
@@ -158,7 +158,7 @@ def _add_changes_along_run(
     candidates : sequence of Law
     """
     for slot in sorted(slots):
-        current = fit(problem, found.extended.effects, found.extended.values)
+        current = fit_with_effects(problem, found.extended.effects, found.extended.values)
         along_run = []
         flexible = []
         for law in candidates:
@@ -171,7 +171,9 @@ def _add_changes_along_run(
         choice = choose_candidate(problem, current, opened, fit_limit=_EXCHANGE_FITS)
         if choice is None or not current.effect_ids.isdisjoint(along_run):
             continue
-        extended = fit(found.problem, (*current.effects, choice.effect), choice.lead.values)
+        extended = fit_with_effects(
+            found.problem, (*current.effects, choice.effect), choice.lead.values
+        )
         found = replace(found, extended=extended, walks=found.walks | {choice.effect.id})
     return found
 
@@ -180,11 +182,11 @@ def search_effects(
     problem: Problem,
     candidates: Sequence[Law],
     rules: Rules,
-    deployed: DeployedError | None = None,
+    deployed: DeployedErrorFunction | None = None,
     announce: Callable[[str], None] | None = None,
 ) -> SearchResult:
     """Add one effect after another while the gate opens; see `search_effects_and_structure`."""
-    current = fit(problem)
+    current = fit_with_effects(problem)
     gates: dict[str, float] = {}
     error = deployed(current) if deployed else 0.0
     for step in range(rules.most + 1):
@@ -213,7 +215,7 @@ def search_effects(
                 break
             error = error_after
         problem = problem.estimate_noise_about_fit(grown)
-        current = fit(problem, grown.effects, grown.values)
+        current = fit_with_effects(problem, grown.effects, grown.values)
         gates = {law.id: gates.get(law.id, opened.p_value) for law in current.effects}
     return SearchResult(
         problem=problem,
@@ -271,12 +273,12 @@ def add_or_replace_effect(
     if not same_place:
         return chosen
     # the law that stands there is too stiff
-    base = fit(problem, elsewhere, current.values)
+    base = fit_with_effects(problem, elsewhere, current.values)
     better = []
     for law in _list_untried_candidates(candidates, current):
         if law.named or law.place != added.place:
             continue
-        fitted = fit(problem, [*elsewhere, law], base.values)
+        fitted = fit_with_effects(problem, [*elsewhere, law], base.values)
         if fitted.criterion < current.criterion - _LEAST_SMOOTH_GAIN:
             better.append(fitted)
     if better:

@@ -131,7 +131,7 @@ def find_structure_hints(problem: Problem, fitted: Fit) -> tuple[Hint, ...]:
         groups = find_two_group_hint(name, errors)
         if groups is not None:
             found.append(groups)
-        tests.append(test_neighbour_correlation(name, errors.values))
+        tests.append(make_neighbour_correlation_hint(name, errors.values))
     if tests:
         corrected = correct_p_values_by_holm([test.p_value for test in tests])
         for test, p_value in zip(tests, corrected.tolist(), strict=True):
@@ -200,7 +200,7 @@ def find_two_group_hint(quantity: str, errors: OrderedErrors) -> Hint | None:
     return Hint(HintKind.GROUPS, quantity, chance, sentence, (low, high))
 
 
-def test_neighbour_correlation(quantity: str, errors_in_order: Floats) -> Hint:
+def make_neighbour_correlation_hint(quantity: str, errors_in_order: Floats) -> Hint:
     """Test whether trials that follow one another err together.
 
     Parameters

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from stepblocks.contact.operating_point import Tool
 from stepblocks.lawsearch.forward_model import Floats, Systematic, Trials
-from stepblocks.lawsearch.law import Active, ActiveAtPoints, Law, Parameter
+from stepblocks.lawsearch.law import ActiveEffects, ActiveEffectsAtPoints, Law, Parameter
 from stepblocks.rig import forward
 from stepblocks.rig.effects.gauges import apply_instrument_constants
 from stepblocks.rig.effects.geometry import make_exchange_law
@@ -73,27 +73,27 @@ def _build_cached_design(
     trials: Trials, spring_constant: float, laws: tuple[tuple[str, Any], ...]
 ) -> BenchDesign:
     """Build what was set on the bench, once for each table of trials."""
-    known_laws = thaw_laws(laws)
+    known_laws = convert_laws_to_dicts(laws)
     return forward.build_bench_design(trials.block, trials.covariates, spring_constant, known_laws)
 
 
 @lru_cache(maxsize=8)
-def _repeat_trials(trials: Trials, count: int) -> Trials:
+def _repeat_trials(trials: Trials, repeat_count: int) -> Trials:
     """Repeat a table several times, one after the other."""
-    return trials.take(np.tile(np.arange(len(trials)), count))
+    return trials.take(np.tile(np.arange(len(trials)), repeat_count))
 
 
 def _repeat_values_per_trial(
-    values: Mapping[str, float | Floats], trial_count: int
+    point_values: Mapping[str, float | Floats], trial_count: int
 ) -> dict[str, float | Floats]:
     """Give each trial at every point the values of that point."""
     repeated: dict[str, float | Floats] = {}
-    for name, value in values.items():
+    for name, value in point_values.items():
         repeated[name] = np.repeat(value, trial_count) if isinstance(value, np.ndarray) else value
     return repeated
 
 
-def thaw_laws(laws: tuple[tuple[str, Any], ...]) -> dict[str, dict[str, Any]]:
+def convert_laws_to_dicts(laws: tuple[tuple[str, Any], ...]) -> dict[str, dict[str, Any]]:
     """Turn the known laws of a model from pairs into numbers by the kind of the law."""
     return {kind: dict(numbers) for kind, numbers in laws}
 
@@ -219,7 +219,10 @@ class SessionModel:
         return errors
 
     def compute_state(
-        self, trials: Trials, values: Mapping[str, float | Floats], effects: ActiveAtPoints = ()
+        self,
+        trials: Trials,
+        values: Mapping[str, float | Floats],
+        effects: ActiveEffectsAtPoints = (),
     ) -> DragState:
         """Fill all slots, effects applied; of several sessions with the constants of each."""
         constants: dict[str, float | Floats] = {**self.known_gauge_constants}
@@ -264,12 +267,14 @@ class SessionModel:
                 parameters.append(p)
         return replace(law, parameters=tuple(parameters))
 
-    def predict(self, trials: Trials, values: Mapping[str, float], effects: Active = ()) -> Floats:
+    def predict(
+        self, trials: Trials, values: Mapping[str, float], effects: ActiveEffects = ()
+    ) -> Floats:
         """Predict all channels, shape (n, 7)."""
         return compute_shown_channels(self.compute_state(trials, values, effects))
 
     def predict_stack(
-        self, trials: Trials, points: Mapping[str, Floats], effects: ActiveAtPoints = ()
+        self, trials: Trials, points: Mapping[str, Floats], effects: ActiveEffectsAtPoints = ()
     ) -> Floats:
         """Predict all channels at k points of the constants, shape (k, n, 7).
 
@@ -283,7 +288,7 @@ class SessionModel:
         return predicted.reshape(count, len(trials), -1)
 
     def responses(
-        self, trials: Trials, values: Mapping[str, float], effects: Active = ()
+        self, trials: Trials, values: Mapping[str, float], effects: ActiveEffects = ()
     ) -> Floats:
         """Change of the channels with what scatters from trial to trial, shape (n, 7, 3)."""
         return forward.compute_channel_responses(self.compute_state(trials, values, effects))
@@ -321,7 +326,7 @@ def format_session_constant_name(constant: str, session: str) -> str:
 
 
 def _expand_daily_values_to_trials(
-    values: Mapping[str, float | Floats], sessions: Sequence[str]
+    values_by_session_name: Mapping[str, float | Floats], sessions: Sequence[str]
 ) -> dict[str, float | Floats]:
     """Give each trial the constants of the day of its session."""
     session_names, session_of_trial = np.unique(sessions, return_inverse=True)
@@ -330,34 +335,34 @@ def _expand_daily_values_to_trials(
     for name in OF_A_DAY:
         of_sessions = []
         for session in session_names.tolist():
-            value = values[format_session_constant_name(name, session)]
+            value = values_by_session_name[format_session_constant_name(name, session)]
             of_sessions.append(np.broadcast_to(value, len(sessions)))
         spread[name] = np.stack(of_sessions)[session_of_trial, trial_numbers]
     return spread
 
 
-def _standardise_values(values: Floats) -> Floats:
+def _standardise_values(logarithms: Floats) -> Floats:
     """Scale numbers to mean 0 and deviation 1; equal ones to zeros."""
-    spread = float(np.std(values))
+    spread = float(np.std(logarithms))
     # the mean of equal numbers may differ from them in the last bit
     if spread <= _LEAST_SPREAD:
-        return np.zeros_like(values)
-    return np.asarray((values - values.mean()) / spread)
+        return np.zeros_like(logarithms)
+    return np.asarray((logarithms - logarithms.mean()) / spread)
 
 
 def list_covariate_ranges(trials: Trials) -> tuple[CovariateRange, ...]:
     """List the range of every covariate that varies, and of the quantities that laws may follow."""
     ranges = []
     for name in trials.covariates:
-        of_column = _find_column_range(trials, name)
+        of_column = _make_covariate_range(trials, name)
         if of_column is not None:
             ranges.append(of_column)
-    peak_force = _find_peak_force_range(trials)
+    peak_force = _make_peak_force_range(trials)
     if peak_force is not None:
         ranges.append(peak_force)
     varying = {where.name for where in ranges}
     if {"load_n", "speed_mm_s"} <= varying:
-        ratio = np.unique(_divide_speed_by_load(trials))
+        ratio = np.unique(_compute_speed_over_load(trials))
         low, high = float(ratio[0]), float(ratio[-1])
         ranges.append(CovariateRange(SPEED_OVER_LOAD, low, high, True, distinct=len(ratio)))
     grouped = _build_grouped_ranges(ranges)
@@ -369,24 +374,24 @@ def list_covariate_ranges(trials: Trials) -> tuple[CovariateRange, ...]:
     return tuple(ranges)
 
 
-def _find_column_range(trials: Trials, name: str) -> CovariateRange | None:
+def _make_covariate_range(trials: Trials, covariate: str) -> CovariateRange | None:
     """Find the range of one column; None where it does not vary or has too many labels."""
-    labels = np.unique(trials.covariates[name])
+    labels = np.unique(trials.covariates[covariate])
     distinct = len(labels)
-    if name == "tip_radius_um" or distinct < 2:
+    if covariate == "tip_radius_um" or distinct < 2:
         return None
-    numbers = trials.numeric(name)
+    numbers = trials.numeric(covariate)
     if numbers is None:
         if distinct > _MOST_LABELS:
             return None
-        return CovariateRange(name, labels=tuple(map(str, labels)), distinct=distinct)
+        return CovariateRange(covariate, labels=tuple(map(str, labels)), distinct=distinct)
     low, high = float(numbers.min()), float(numbers.max())
     by_logarithm = low > 0.0 and high > _WIDE_RANGE * low and distinct < _FEW_SETTINGS
     closest = float(np.quantile(np.diff(labels.astype(np.float64)), _CLOSE_SHARE))
-    return CovariateRange(name, low, high, by_logarithm, (), distinct, closest=closest)
+    return CovariateRange(covariate, low, high, by_logarithm, (), distinct, closest=closest)
 
 
-def _find_peak_force_range(trials: Trials) -> CovariateRange | None:
+def _make_peak_force_range(trials: Trials) -> CovariateRange | None:
     """Find the range of the measured peak forces [N]; None where they are few or all alike."""
     if "ln_peak_force" not in trials.channels:
         return None
@@ -426,7 +431,7 @@ def _build_grouped_ranges(ranges: Sequence[CovariateRange]) -> list[CovariateRan
     return grouped
 
 
-def _divide_speed_by_load(trials: Trials) -> NDArray[np.generic]:
+def _compute_speed_over_load(trials: Trials) -> NDArray[np.generic]:
     """Divide speed by load, which a viscous film follows [mm/s/N]."""
     return np.asarray(np.divide(trials.covariates["speed_mm_s"], trials.covariates["load_n"]))
 
@@ -445,7 +450,7 @@ def get_covariate_column(trials: Trials, predicted: Floats, covariate: str) -> N
     if covariate == PEAK_FORCE:
         return np.asarray(np.exp(predicted[:, trials.channels.index("ln_peak_force")]))
     if covariate == SPEED_OVER_LOAD:
-        return _divide_speed_by_load(trials)
+        return _compute_speed_over_load(trials)
     return trials.covariates[covariate]
 
 

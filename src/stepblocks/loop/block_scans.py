@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from stepblocks.inspect.noise import Estimate
 
 # per block: height_m, height_std_m, and where known edge_radius_m, edge_radius_std_m
-Scans = Mapping[str, Mapping[str, float]]
+ScanFiguresByBlock = Mapping[str, Mapping[str, float]]
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from stepblocks.lawsearch.objective import STEP
 from stepblocks.lawsearch.problem import Fit, Problem
 from stepblocks.loop.bench_model import COMMON_ERRORS, SessionModel
 from stepblocks.loop.declared_checks import CalibrationCheck, Declared, find_common_mistake_factor
-from stepblocks.loop.session_table import Known
+from stepblocks.loop.session_table import KnownConstants
 from stepblocks.records.model import WIDE
 from stepblocks.rig.effects.gauges import GAUGE_LAWS
 
@@ -87,7 +87,7 @@ def check_declared_quantity(
 
 
 def compute_declared_ratio_and_std(
-    quantity: Declared, known: Known, stiffness: float, load: float
+    quantity: Declared, known: KnownConstants, stiffness: float, load: float
 ) -> tuple[float, float]:
     """Return what is declared, in units of its nominal value, and its standard uncertainty [1].
 

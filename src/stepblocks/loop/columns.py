@@ -57,14 +57,14 @@ CHANNEL_COLUMNS = (
 )
 
 
-def read_numeric_column(table: pd.DataFrame, name: str) -> Floats:
+def read_numeric_column(table: pd.DataFrame, column: str) -> Floats:
     """Read a column as numbers of shape (n,); NaN where a value is missing."""
-    if name not in table:
+    if column not in table:
         return np.full(len(table), np.nan)
-    return np.asarray(pd.to_numeric(table[name], errors="coerce"), dtype=np.float64)
+    return np.asarray(pd.to_numeric(table[column], errors="coerce"), dtype=np.float64)
 
 
-def read_channels(table: pd.DataFrame, spring_constant: float) -> tuple[Floats, Floats]:
+def read_channels_and_stds(table: pd.DataFrame, spring_constant: float) -> tuple[Floats, Floats]:
     """Read the channels of all trials.
 
     Parameters
@@ -95,18 +95,18 @@ def read_channels(table: pd.DataFrame, spring_constant: float) -> tuple[Floats, 
 
 
 def _convert_to_channel_scale(
-    scale: Scale, value: Floats, std: Floats, table: pd.DataFrame, spring_constant: float
+    scale: Scale, figures: Floats, stds: Floats, table: pd.DataFrame, spring_constant: float
 ) -> tuple[Floats, Floats]:
     """Convert a figure and its uncertainty, both of shape (n,), to the scale of its channel."""
     if scale is Scale.PLAIN:
-        return value, std
+        return figures, stds
     if scale is Scale.LOGARITHM:
-        positive = np.where(value > 0.0, value, np.nan)
-        return np.log(positive), std / positive
+        positive = np.where(figures > 0.0, figures, np.nan)
+        return np.log(positive), stds / positive
     if scale is Scale.OVER_SPRING:
-        return value / spring_constant, std / spring_constant
+        return figures / spring_constant, stds / spring_constant
     load = read_numeric_column(table, "load_n")
-    return value / load, std / load
+    return figures / load, stds / load
 
 
 def read_covariates(table: pd.DataFrame) -> dict[str, NDArray[np.generic]]:
@@ -130,28 +130,30 @@ def count_missing_by_column(table: pd.DataFrame) -> dict[str, int]:
     return gaps
 
 
-def _is_numeric_column(table: pd.DataFrame, name: str) -> bool:
+def _is_numeric_column(table: pd.DataFrame, column: str) -> bool:
     """Tell whether a column is one of numbers, of which some may be blank."""
-    if name in _LABELS:
+    if column in _LABELS:
         return False
-    seen = np.isfinite(read_numeric_column(table, name))
-    blank = table[name].isna().to_numpy() | (table[name].astype(str).str.strip() == "").to_numpy()
+    seen = np.isfinite(read_numeric_column(table, column))
+    blank = (
+        table[column].isna().to_numpy() | (table[column].astype(str).str.strip() == "").to_numpy()
+    )
     filled = int((~blank).sum())
     if seen.mean() <= 1.0 - _MOST_MISSED or not filled:
         return False
     return bool(seen.sum() > (1.0 - _MOST_WORDS) * filled)
 
 
-def _read_covariate(table: pd.DataFrame, name: str) -> NDArray[np.generic]:
+def _read_covariate(table: pd.DataFrame, column: str) -> NDArray[np.generic]:
     """Read a column as numbers, or as labels where many cells are no numbers.
 
     A blank cell of a reading that changes slowly is filled between its neighbours along the run,
     any other with the median: such a trial says nothing of the column, and speaks of all others.
     """
-    if not _is_numeric_column(table, name):
-        labels: NDArray[np.generic] = table[name].fillna("unknown").astype(str).to_numpy()
+    if not _is_numeric_column(table, column):
+        labels: NDArray[np.generic] = table[column].fillna("unknown").astype(str).to_numpy()
         return labels
-    numbers = read_numeric_column(table, name)
+    numbers = read_numeric_column(table, column)
     if np.isfinite(numbers).all():
         return numbers
     return _fill_missing_values(numbers, _read_run_order(table))

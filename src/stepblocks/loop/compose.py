@@ -6,7 +6,7 @@ from dataclasses import asdict, replace
 import numpy as np
 import pandas as pd
 
-from stepblocks.lawsearch.adequacy import ReplicateTest, test_misfit_against_replicates
+from stepblocks.lawsearch.adequacy import ReplicateTest, compare_misfit_with_replicates
 from stepblocks.lawsearch.choice import Rival
 from stepblocks.lawsearch.findings import Explanation, Finding, Rules, Verdict
 from stepblocks.lawsearch.forward_model import Floats, Trials
@@ -26,7 +26,7 @@ from stepblocks.loop.bench_model import (
     list_candidate_laws,
     list_covariate_ranges,
 )
-from stepblocks.loop.block_scans import Scans
+from stepblocks.loop.block_scans import ScanFiguresByBlock
 from stepblocks.loop.channels import ENERGY, JUDGED, PEAK_FORCE
 from stepblocks.loop.declared_checks import CalibrationCheck
 from stepblocks.loop.experiment import propose_experiment
@@ -54,7 +54,7 @@ from stepblocks.loop.record import (
     ScansRecord,
 )
 from stepblocks.loop.session_table import SessionTable
-from stepblocks.loop.words import find_difference_unit, find_slope_factor_and_unit
+from stepblocks.loop.words import find_slope_factor_and_unit, get_difference_unit
 from stepblocks.records.model import WIDE
 from stepblocks.rig.effects.grammar.covariates import CovariateRange
 
@@ -83,7 +83,7 @@ def compose_record(
     explanation: Explanation,
     within: Holdout,
     between: Holdout,
-    scans: Scans,
+    scans: ScanFiguresByBlock,
     rules: Rules,
     *,
     checks: Sequence[CalibrationCheck] = (),
@@ -125,7 +125,7 @@ def compose_record(
         rivals=_list_rival_records(explanation),
         hints=hints,
         unwritten=hints,
-        known_of_the_gauges=_list_known_constants(table.model),
+        known_of_the_gauges=_map_known_constants(table.model),
         could_have_shown=_list_detectable_effects(explanation),
         excluded=table.excluded,
         flagged=mislabelled,
@@ -150,7 +150,7 @@ def compose_record(
     )
 
 
-def _list_known_constants(model: SessionModel) -> dict[str, KnownConstant]:
+def _map_known_constants(model: SessionModel) -> dict[str, KnownConstant]:
     """List the constants of the gauges that are certified or tared, by their names."""
     constants = {}
     for name, (value, std) in model.known.items():
@@ -210,13 +210,13 @@ def _exponentiate_estimate(logarithm: Estimate) -> Estimate:
 
 
 def _make_model_errors(
-    within: Holdout, between: Holdout, floor: NoiseFloor
+    within_blocks: Holdout, between_blocks: Holdout, floor: NoiseFloor
 ) -> tuple[ModelErrors, ModelErrors]:
     """List the errors on held-out trials of the nominal and of the extended model."""
-    energy = within.compute_nominal_and_extended_rms(ENERGY)
-    force = within.compute_nominal_and_extended_rms(PEAK_FORCE)
-    energy_blocks = between.compute_nominal_and_extended_rms(ENERGY)
-    force_blocks = between.compute_nominal_and_extended_rms(PEAK_FORCE)
+    energy = within_blocks.compute_nominal_and_extended_rms(ENERGY)
+    force = within_blocks.compute_nominal_and_extended_rms(PEAK_FORCE)
+    energy_blocks = between_blocks.compute_nominal_and_extended_rms(ENERGY)
+    force_blocks = between_blocks.compute_nominal_and_extended_rms(PEAK_FORCE)
     of_nominal, of_extended = zip(energy, force, energy_blocks, force_blocks, strict=True)
     nominal = ModelErrors(*of_nominal, noise_floor=floor)
     extended = ModelErrors(*of_extended, noise_floor=floor)
@@ -233,7 +233,7 @@ def _test_misfit_against_replicates(
     tests = {}
     for j in (ENERGY, PEAK_FORCE):
         channel = table.trials.channels[j]
-        tests[channel] = test_misfit_against_replicates(residual[:, j], cells, constants)
+        tests[channel] = compare_misfit_with_replicates(residual[:, j], cells, constants)
     return tests
 
 
@@ -345,7 +345,7 @@ def _list_parameter_estimates(effect: Law, fitted: Fit, problem: Problem) -> dic
         column = get_covariate_column(problem.trials, fitted.predicted, effect.covariate)
         low, high = compute_jump_place_interval(problem, fitted, effect, name, column)
         # a place on a scale of degrees is no difference of temperatures
-        unit = find_difference_unit(effect.covariate).strip("()").replace("K", "°C")
+        unit = get_difference_unit(effect.covariate).strip("()").replace("K", "°C")
         estimates[name] = replace(estimates[name], low=low, high=high, unit=unit)
     return estimates
 
@@ -457,7 +457,7 @@ def _make_identifiability_record(explanation: Explanation) -> IdentifiabilityRec
     return IdentifiabilityRecord(**asdict(found), by_the_equations=_BY_THE_EQUATIONS)
 
 
-def _make_scans_record(scans: Scans) -> ScansRecord:
+def _make_scans_record(scans: ScanFiguresByBlock) -> ScansRecord:
     """Record what the scans showed, with the mean edge radius weighed by its uncertainty."""
     blocks = {block: dict(scan) for block, scan in scans.items()}
     edges = pd.DataFrame(

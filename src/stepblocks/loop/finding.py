@@ -10,7 +10,7 @@ from stepblocks.lawsearch.law import Law
 from stepblocks.loop.channels import CHANNELS_IN_WORDS
 from stepblocks.loop.record import EffectRecord, Estimate, LoopRecord, ModelErrors
 from stepblocks.loop.session_table import STICK_SLIP
-from stepblocks.loop.words import describe_covariate, format_value
+from stepblocks.loop.words import describe_covariate, format_in_readable_unit
 
 _MOST_DETECTABLE = 3  # effects that a sentence names as what would have shown
 _MOST_CHOICES = 2  # rivals that a sentence names
@@ -71,7 +71,7 @@ def _describe_detectable_effects(record: LoopRecord) -> str:
     """Say in brackets what would have shown; empty where that is unknown."""
     effects = []
     for effect in record.could_have_shown[:_MOST_DETECTABLE]:
-        effects.append(f"{effect.text} of {format_value(effect.value, effect.unit)}")
+        effects.append(f"{effect.text} of {format_in_readable_unit(effect.value, effect.unit)}")
     if not effects:
         return ""
     return f" (what would have shown: {', '.join(effects)})"
@@ -96,7 +96,7 @@ def _list_finding_sentences(explanation: Explanation, record: LoopRecord) -> lis
         rivals = record.rivals[first_rival:last_rival]
         parts.append(describe_finding(finding, entry, rivals, sentences))
         first_rival = last_rival
-    doubt = describe_remaining_doubt_of_whole(explanation)
+    doubt = describe_doubt_of_whole(explanation)
     if doubt:
         parts.append(doubt)
     if any(hint.kind != STICK_SLIP for hint in explanation.hints):
@@ -104,7 +104,7 @@ def _list_finding_sentences(explanation: Explanation, record: LoopRecord) -> lis
     return parts
 
 
-def describe_remaining_doubt_of_whole(explanation: Explanation) -> str:
+def describe_doubt_of_whole(explanation: Explanation) -> str:
     """Say why the whole is not claimed; empty if it is, or if a finding gives the same reason."""
     if explanation.verdict is not Verdict.UNEXPLAINED or not explanation.reason:
         return ""
@@ -212,13 +212,13 @@ def _describe_law(law: Law, entry: EffectRecord) -> str:
     return text
 
 
-def _format_parameter_estimate(name: str, estimate: Estimate) -> str:
+def _format_parameter_estimate(parameter_name: str, estimate: Estimate) -> str:
     """Write a parameter with its interval, after the label that its name has in brackets."""
-    value = format_value(estimate.value, estimate.unit)
-    low = format_value(estimate.low, estimate.unit)
-    high = format_value(estimate.high, estimate.unit)
+    value = format_in_readable_unit(estimate.value, estimate.unit)
+    low = format_in_readable_unit(estimate.low, estimate.unit)
+    high = format_in_readable_unit(estimate.high, estimate.unit)
     figure = f"{value} ({low} to {high})"
-    _, bracket, label = name.partition("[")
+    _, bracket, label = parameter_name.partition("[")
     if bracket:
         return f"{label.removesuffix(']')} {figure}"
     return figure

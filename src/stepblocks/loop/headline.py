@@ -12,8 +12,8 @@ from stepblocks.lawsearch.holdout import Holdout
 from stepblocks.loop.channels import ENERGY, JUDGED
 from stepblocks.loop.finding import (
     describe_apart_trials,
+    describe_doubt_of_whole,
     describe_finding,
-    describe_remaining_doubt_of_whole,
     format_held_out_errors,
 )
 from stepblocks.loop.record import BlockError, EffectRecord, LoopRecord
@@ -103,7 +103,7 @@ def _count_trials_of_effect(finding: Finding, table: SessionTable) -> int:
 def _format_closing_lines(explanation: Explanation, record: LoopRecord) -> list[str]:
     """Write the closing lines: doubt of the whole, trials held apart, notes, and errors."""
     lines = []
-    doubt = describe_remaining_doubt_of_whole(explanation)
+    doubt = describe_doubt_of_whole(explanation)
     if doubt:
         lines.append(doubt)
     apart = describe_apart_trials(len(record.apart))

@@ -8,7 +8,7 @@ from scipy import stats
 
 from stepblocks.lawsearch.adequacy import find_largest_gain_shares, fit_without_each_channel
 from stepblocks.lawsearch.findings import Explanation, Finding, Verdict
-from stepblocks.lawsearch.fit import fit, fit_without
+from stepblocks.lawsearch.fit import fit_with_effects, fit_without
 from stepblocks.lawsearch.law import Law
 from stepblocks.lawsearch.problem import Fit, Problem
 from stepblocks.loop.bench_model import SessionModel
@@ -38,7 +38,7 @@ def add_height_findings(explanation: Explanation, table: SessionTable) -> Explan
         With a finding for each block that the search has not named, and heights as laws.
     """
     fitted = explanation.extended
-    beyond = _find_blocks_beyond_tolerance(fitted, table)
+    beyond = _compute_p_values_of_excess_heights(fitted, table)
     if not beyond:
         return explanation
     laws = [law for law in list_named_laws(list(beyond)) if law.covariate == "block"]
@@ -54,7 +54,7 @@ def add_height_findings(explanation: Explanation, table: SessionTable) -> Explan
         if law.id not in named:
             new_laws.append(law)
             p_values.append(p_value)
-    extended = fit(problem, (*fitted.effects, *new_laws), start)
+    extended = fit_with_effects(problem, (*fitted.effects, *new_laws), start)
     findings = [*explanation.findings]
     for law, p_value in zip(new_laws, p_values, strict=True):
         findings.append(_make_height_finding(problem, extended, law, p_value))
@@ -70,7 +70,7 @@ def add_height_findings(explanation: Explanation, table: SessionTable) -> Explan
     )
 
 
-def _find_blocks_beyond_tolerance(fitted: Fit, table: SessionTable) -> dict[str, float]:
+def _compute_p_values_of_excess_heights(fitted: Fit, table: SessionTable) -> dict[str, float]:
     """Find the blocks whose height is an effect, with the p values of their heights.
 
     These are unscanned blocks whose height error exceeds its tolerance by 95 %, or that a search
@@ -126,7 +126,7 @@ def _estimate_uncertainties(
     rounder = extended
     if not model.scanned_radius:
         rounded = replace(problem, model=replace(model, scanned_radius=_UNSCANNED_EDGES))
-        rounder = fit(rounded, extended.effects, extended.values)
+        rounder = fit_with_effects(rounded, extended.effects, extended.values)
     doubt = {}
     for name, value in extended.values.items():
         doubt[name] = float(np.hypot(rounder.std[name], rounder.values[name] - value))

@@ -29,10 +29,10 @@ from stepblocks.loop.finding import format_held_out_errors
 from stepblocks.loop.record import Estimate, LoopRecord
 from stepblocks.loop.result import LoopResult
 from stepblocks.loop.words import (
+    convert_name_to_words,
     describe_covariate,
     format_effect_name,
-    format_name_in_words,
-    format_value,
+    format_in_readable_unit,
 )
 from stepblocks.quantities import format_column_label
 from stepblocks.records.model import WIDE
@@ -116,10 +116,10 @@ def render_loop_page(result: LoopResult, traces: Sequence[Path] = ()) -> str:
         "loop.html.j2",
         title=result.title,
         asked=record.next_experiment or NextExperiment(()),
-        plain=format_name_in_words,
+        plain=convert_name_to_words,
         say=describe_covariate,
         name_effect=format_effect_name,
-        value=format_value,
+        value=format_in_readable_unit,
         residual_level=LEVEL,
         r=record,
         errors=format_held_out_errors(record.nominal.error, record.extended.error),
@@ -201,14 +201,14 @@ def _list_varying_columns(explanation: Explanation) -> dict[str, NDArray[np.gene
 
 
 def _draw_residuals_against_covariate(
-    axis: Axes, name: str, column: NDArray[np.generic], before: Floats, after: Floats
+    axis: Axes, covariate: str, column: NDArray[np.generic], before: Floats, after: Floats
 ) -> None:
     """Draw residuals, of the nominal and of the extended model, against one covariate."""
     abscissa = compute_abscissa(np.asarray(column))
     axis.axhline(0.0, color="0.6", lw=0.8)
     axis.plot(abscissa.places, before, ".", ms=3, color=BEFORE, alpha=0.55, label="nominal")
     axis.plot(abscissa.places, after, ".", ms=3, color=AFTER, alpha=0.75, label="extended")
-    axis.set_xlabel(format_column_label(name))
+    axis.set_xlabel(format_column_label(covariate))
     if abscissa.ticks:
         axis.set_xticks(list(abscissa.ticks), list(abscissa.ticks.values()))
     else:
@@ -232,14 +232,14 @@ def compute_abscissa(column: NDArray[np.generic]) -> Abscissa:
     return Abscissa(np.asarray(inverse, dtype=np.float64), ticks)
 
 
-def _draw_effect_curve(result: LoopResult, effect: Law, name: str) -> Picture:
+def _draw_effect_curve(result: LoopResult, effect: Law, effect_name: str) -> Picture:
     """Draw the change that an effect makes over what it follows, with its 95 % band."""
     shown = compute_effect_change(result.found, effect)
     covariate = choose_plotted_covariate(result, effect)
     trials = result.table.trials
     column = get_covariate_column(trials, result.found.extended.predicted, covariate)
     abscissa = compute_abscissa(column)
-    x, curve, band = average_by_setting(abscissa.places, shown.change, shown.std)
+    x, curve, band = average_effect_by_setting(abscissa.places, shown.change, shown.std)
     channel = CHANNELS_IN_WORDS[result.found.problem.trials.channels[shown.channel]]
     low = _convert_log_change_to_percent(curve - WIDE * band)
     middle = _convert_log_change_to_percent(curve)
@@ -253,7 +253,7 @@ def _draw_effect_curve(result: LoopResult, effect: Law, name: str) -> Picture:
         axis.plot(x, middle, color=AFTER)
     axis.axhline(0.0, color="0.6", lw=0.8)
     axis.set(xlabel=format_column_label(covariate), ylabel=f"change of {channel}, %")
-    title = f"{name}: change of {channel} that it makes, average over the other settings"
+    title = f"{effect_name}: change of {channel} that it makes, average over the other settings"
     return Picture(title, _draw_as_data_url(figure))
 
 
@@ -301,7 +301,7 @@ def choose_plotted_covariate(result: LoopResult, effect: Law) -> str:
     return "height_um"
 
 
-def average_by_setting(
+def average_effect_by_setting(
     abscissa_values: Floats, values: Floats, std: Floats
 ) -> tuple[Floats, Floats, Floats]:
     """Average values over trials of one setting, or of neighbouring settings where they are many.

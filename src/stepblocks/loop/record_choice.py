@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from stepblocks.lawsearch.fit import build_problem, fit
+from stepblocks.lawsearch.fit import build_problem, fit_with_effects
 from stepblocks.lawsearch.forward_model import Floats
 from stepblocks.lawsearch.holdout import HeldOutPredictor, build_folds, split_within_blocks
 from stepblocks.loop.channels import ENERGY, PEAK_FORCE
@@ -62,7 +62,7 @@ def _compute_held_out_errors(result: LoopResult, table: SessionTable, seed: int)
     problem = build_problem(table.model, trials)
     folds = build_folds(problem, split_within_blocks(trials, _FOLDS, seed))
     candidates = table.model.candidates
-    predictor = HeldOutPredictor(problem, fit(problem, ()), [folds], candidates)
+    predictor = HeldOutPredictor(problem, fit_with_effects(problem, ()), [folds], candidates)
     errors: Floats = predictor.compute_held_out_errors(extended.effects, extended.values)[0]
     return pd.DataFrame(errors, index=pd.Index(table.names))
 

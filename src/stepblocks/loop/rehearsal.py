@@ -11,7 +11,7 @@ from stepblocks.compute.cores import count_cores
 from stepblocks.compute.seam import run_calls
 from stepblocks.loop.record import DetectableEffect
 from stepblocks.loop.run import loop_session
-from stepblocks.loop.words import describe_covariate, format_value
+from stepblocks.loop.words import describe_covariate, format_in_readable_unit
 from stepblocks.rehearse.plan import SessionPlan
 from stepblocks.rehearse.run import write_session
 
@@ -109,7 +109,7 @@ def rehearse_session(
         progress(len(verdicts), rehearsal_count)
     could_show = []
     for key, of_rehearsals in sizes.items():
-        size = format_value(statistics.median(of_rehearsals), key.unit)
+        size = format_in_readable_unit(statistics.median(of_rehearsals), key.unit)
         could_show.append(VisibleEffect(key.text, describe_covariate(key.covariate), size))
     return Rehearsal(verdicts, max(locked), could_show)
 

@@ -11,7 +11,7 @@ from stepblocks.files.figures import Axes
 from stepblocks.lawsearch.findings import Explanation, Verdict
 from stepblocks.lawsearch.holdout import Holdout
 from stepblocks.lawsearch.problem import Fit
-from stepblocks.loop.bench_model import thaw_laws
+from stepblocks.loop.bench_model import convert_laws_to_dicts
 from stepblocks.loop.figures import plot_agreement
 from stepblocks.loop.finding import format_summary
 from stepblocks.loop.record import LoopRecord, RecordChoice, UnusedScan
@@ -119,7 +119,7 @@ def build_learned_model(
         channel_std=np.sqrt(scatter.channels),
         nominal=_make_learned_fit(explanation.nominal),
         extended=_make_learned_fit(explanation.extended),
-        known_laws=thaw_laws(model.laws),
+        known_laws=convert_laws_to_dicts(model.laws),
     )
 
 

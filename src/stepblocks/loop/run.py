@@ -29,14 +29,14 @@ from stepblocks.lawsearch.findings import Explanation, Rules
 from stepblocks.lawsearch.holdout import (
     Fold,
     Holdout,
-    Rows,
+    RowIndices,
     build_folds,
     select_effects_without_fold,
     split_by_block,
     split_within_blocks,
 )
 from stepblocks.loop.bench_model import list_covariate_ranges
-from stepblocks.loop.block_scans import ScannedBlocks, Scans, measure_block_scans
+from stepblocks.loop.block_scans import ScanFiguresByBlock, ScannedBlocks, measure_block_scans
 from stepblocks.loop.calibration_check import apply_calibration_checks, check_calibration
 from stepblocks.loop.compose import compose_record
 from stepblocks.loop.experiment import format_block_stimulus
@@ -45,7 +45,7 @@ from stepblocks.loop.record import SCHEMA, format_json_document
 from stepblocks.loop.record_choice import compare_features_with_records, describe_record_choice
 from stepblocks.loop.result import LoopResult, build_learned_model
 from stepblocks.loop.session_table import (
-    Known,
+    KnownConstants,
     SessionTable,
     build_session_table,
     find_regime_hints,
@@ -180,7 +180,7 @@ class _SessionFolder:
     folder: Path
     declared: "Session"
     tip_radius: float
-    inspected: Scans
+    inspected: ScanFiguresByBlock
     forces_only: bool
     whole_record: bool
 
@@ -188,7 +188,7 @@ class _SessionFolder:
     def open(
         cls,
         folder: Path,
-        inspected: Scans,
+        inspected: ScanFiguresByBlock,
         layout: TableLayout,
         *,
         forces_only: bool,
@@ -308,7 +308,9 @@ class _SessionFolder:
                 scans[block] = dict(self.inspected[block])
         return replace(found, scans=scans)
 
-    def _build_session_table(self, features: pd.DataFrame, scans: Scans) -> SessionTable:
+    def _build_session_table(
+        self, features: pd.DataFrame, scans: ScanFiguresByBlock
+    ) -> SessionTable:
         """Turn features into trials, with what the session declares of gauges and probe."""
         return build_session_table(
             features,
@@ -349,11 +351,11 @@ def analyse_features(
     features: pd.DataFrame,
     spring_constant: float,
     tip_radius: float,
-    scans: Scans | None = None,
+    scans: ScanFiguresByBlock | None = None,
     *,
     jobs: int = 1,
     rules: Rules | None = None,
-    known: Known | None = None,
+    known: KnownConstants | None = None,
     laws: Mapping[str, Mapping[str, Any]] | None = None,
     announce: Announce | None = None,
 ) -> LoopResult:
@@ -367,13 +369,13 @@ def analyse_features(
         Of the probe [N/m].
     tip_radius : float
         Of the probe [m], for trials whose tip has no number in its name.
-    scans : Scans, optional
+    scans : ScanFiguresByBlock, optional
         Heights and edge radii of the blocks, with their uncertainties [m].
     jobs : int
         Processes.
     rules : Rules, optional
         When to claim what.
-    known : Known, optional
+    known : KnownConstants, optional
         Constants of the gauges that are known, with their standard uncertainties.
     laws : Mapping, optional
         Laws of friction and contact that are known beforehand, each by its name and numbers; the
@@ -387,7 +389,7 @@ def analyse_features(
 
 def analyse_table(
     table: SessionTable,
-    scans: Scans,
+    scans: ScanFiguresByBlock,
     *,
     jobs: int = 1,
     rules: Rules | None = None,
@@ -419,7 +421,7 @@ def analyse_table(
 
 
 @dataclass(frozen=True)
-class _Explained:
+class _ExplanationAndHoldouts:
     """What was found, with the errors on trials held out within blocks and on whole blocks."""
 
     found: Explanation
@@ -429,14 +431,14 @@ class _Explained:
 
 def _explain_and_hold_out(
     table: SessionTable, rules: Rules, jobs: int, announce: Announce | None
-) -> _Explained:
+) -> _ExplanationAndHoldouts:
     """Explain all trials, and hold out trials within blocks and whole blocks.
 
     Every fold chooses its own effects.
     """
     model, trials = table.model, table.trials
     rows_inside = _keep_large_folds(table, split_within_blocks(trials, _FOLDS_WITHIN, rules.seed))
-    rows_outside: list[Rows] = []
+    rows_outside: list[RowIndices] = []
     if len(set(trials.block.tolist())) >= _FEWEST_BLOCKS:
         rows_outside = _keep_large_folds(table, split_by_block(trials, _FOLDS_BETWEEN))
     # where tips stick no law is claimed, whatever parts of the trials would choose
@@ -461,7 +463,7 @@ def _explain_and_hold_out(
     found, (within, between) = choose_delivered_effects(
         add_height_findings(found, table), (inside, outside), model.candidates
     )
-    return _Explained(
+    return _ExplanationAndHoldouts(
         withdraw_claims_for_hints(found, hints),
         Holdout(*within, selected=tuple(of_inside)),
         Holdout(*between, selected=tuple(of_outside)),
@@ -476,7 +478,7 @@ def _are_workers_worth_it(search_time: float, searches: int, jobs: int) -> bool:
     return search_time * searches * (1.0 - 1.0 / jobs) > _LEAST_TIME_SPARED
 
 
-def _keep_large_folds(table: SessionTable, folds: Sequence[Rows]) -> list[Rows]:
+def _keep_large_folds(table: SessionTable, folds: Sequence[RowIndices]) -> list[RowIndices]:
     """Keep the folds that leave enough trials for a fit."""
     return [rows for rows in folds if len(table.trials) - len(rows) >= _FEWEST_TRIALS]
 

@@ -141,9 +141,9 @@ def _compare_quantity_with_declaration(
     return check_declared_quantity(quantity, shown, value)
 
 
-def _get_feature_values(measured: Sequence[TrialResult], name: str) -> Floats:
+def _get_feature_values(measured: Sequence[TrialResult], feature: str) -> Floats:
     """Read one feature of measured trials, of shape (n,)."""
-    return np.array([result.features[name] for result in measured], dtype=np.float64)
+    return np.array([result.features[feature] for result in measured], dtype=np.float64)
 
 
 class _ClockedTraces(Traces):

@@ -16,14 +16,14 @@ from stepblocks.lawsearch.forward_model import Floats, Trials
 from stepblocks.lawsearch.scatter import mark_outliers
 from stepblocks.lawsearch.structure import Hint
 from stepblocks.loop.bench_model import SessionModel
-from stepblocks.loop.block_scans import Scans
+from stepblocks.loop.block_scans import ScanFiguresByBlock
 from stepblocks.loop.channels import DECAY_TIME, JUDGED, PEAK_FORCE, RING_FREQUENCY
 from stepblocks.loop.columns import (
     FIRST_FIGURE,
     count_missing_by_column,
     derive_covariates,
     describe_clock_jumps,
-    read_channels,
+    read_channels_and_stds,
     read_covariates,
     read_numeric_column,
 )
@@ -38,7 +38,7 @@ from stepblocks.rig.forward import read_tip_radii_um
 from stepblocks.rig.state import CHANNELS
 
 # a parameter of the instrument to its value and standard uncertainty
-Known = Mapping[str, tuple[float, float]]
+KnownConstants = Mapping[str, tuple[float, float]]
 
 STICK_SLIP = "stick-slip"  # regime of a tip that sticks and slips, and kind of the hint of it
 _STICKING = 0.1  # share of the trials from which sticking is the rule of a session
@@ -90,8 +90,8 @@ def build_session_table(
     features: pd.DataFrame,
     spring_constant: float,
     tip_radius: float,
-    scans: Scans | None = None,
-    known: Known | None = None,
+    scans: ScanFiguresByBlock | None = None,
+    known: KnownConstants | None = None,
     laws: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> SessionTable:
     """Turn a table of features into trials with channels.
@@ -141,7 +141,7 @@ def build_session_table(
         scanned=_list_scanned_heights(scans or {}),
         scanned_radius=_average_edge_radius(scans or {}),
         known=estimate_unloaded_zeros(features) | dict(known or {}),
-        laws=_freeze_laws(laws or {}),
+        laws=_convert_laws_to_tuples(laws or {}),
     )
     without_outliers = np.where(outlying, np.nan, trials.values)
     return SessionTable(
@@ -166,7 +166,7 @@ def _describe_missing_values(table: pd.DataFrame) -> list[str]:
     return notes
 
 
-def _freeze_laws(laws: Mapping[str, Mapping[str, Any]]) -> tuple[tuple[str, Any], ...]:
+def _convert_laws_to_tuples(laws: Mapping[str, Mapping[str, Any]]) -> tuple[tuple[str, Any], ...]:
     """Turn known laws into pairs of kind and numbers, by which a cache can find a design again."""
     return tuple((kind, tuple(law.items())) for kind, law in laws.items())
 
@@ -208,7 +208,7 @@ def _build_trials(
     table: pd.DataFrame, covariates: Mapping[str, NDArray[np.generic]], spring_constant: float
 ) -> Trials:
     """Build the trials of a table of usable features."""
-    values, std = read_channels(table, spring_constant)
+    values, std = read_channels_and_stds(table, spring_constant)
     # a peak without an uncertainty is a bound, and its trial measures no energy; where the normal
     # gauge alone was saturated both are whole
     censored = (table["status"] == CENSORED).to_numpy()
@@ -220,7 +220,7 @@ def _build_trials(
     return Trials(covariates, CHANNELS, values, std, block, floor)
 
 
-def _list_scanned_heights(scans: Scans) -> dict[str, tuple[float, float]] | None:
+def _list_scanned_heights(scans: ScanFiguresByBlock) -> dict[str, tuple[float, float]] | None:
     """List the heights of scanned blocks and their uncertainties [m]; None without scans."""
     heights = {}
     for block, scan in scans.items():
@@ -228,7 +228,7 @@ def _list_scanned_heights(scans: Scans) -> dict[str, tuple[float, float]] | None
     return heights or None
 
 
-def _average_edge_radius(scans: Scans) -> tuple[float, float] | None:
+def _average_edge_radius(scans: ScanFiguresByBlock) -> tuple[float, float] | None:
     """Average the edge radii of the scans and their uncertainties [m]; None without radii."""
     edges = []
     for scan in scans.values():

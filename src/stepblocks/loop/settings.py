@@ -37,7 +37,7 @@ def build_setting_grid(trials: Trials, extra_covariates: Sequence[str]) -> Trial
     settings: dict[str, list[object]] = {}
     for name in names:
         settings[name] = _list_future_settings(
-            trials, name, varied=name in (*SHOWN, *extra_covariates)
+            trials, name, is_varied=name in (*SHOWN, *extra_covariates)
         )
     settings["height_um"] = [*_list_candidate_heights_um(trials)]
     rows = list(itertools.islice(itertools.product(*settings.values()), _MOST_ROWS))
@@ -50,18 +50,18 @@ def build_setting_grid(trials: Trials, extra_covariates: Sequence[str]) -> Trial
     )
 
 
-def _list_future_settings(trials: Trials, name: str, *, varied: bool) -> list[object]:
+def _list_future_settings(trials: Trials, covariate: str, *, is_varied: bool) -> list[object]:
     """List the settings of a covariate for trials that are yet to come.
 
     A counted one, such as the number of the trial, goes on by one.
     """
-    column = trials.covariates[name]
-    numbers = trials.numeric(name)
-    if name in COUNTED and numbers is not None:
+    column = trials.covariates[covariate]
+    numbers = trials.numeric(covariate)
+    if covariate in COUNTED and numbers is not None:
         return [float(numbers.max()) + 1.0]
-    if varied:
+    if is_varied:
         seen: list[object] = np.unique(column).tolist()
-        if name in CHOSEN:
+        if covariate in CHOSEN:
             return [seen[0], seen[len(seen) // 2], seen[-1]]
         return seen
     if numbers is None:

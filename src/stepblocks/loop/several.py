@@ -25,7 +25,7 @@ from stepblocks.lawsearch.findings import Rules
 from stepblocks.lawsearch.forward_model import Floats, Trials
 from stepblocks.lawsearch.problem import Fit
 from stepblocks.loop.bench_model import OF_A_DAY, SessionModel, format_session_constant_name
-from stepblocks.loop.block_scans import Scans
+from stepblocks.loop.block_scans import ScanFiguresByBlock
 from stepblocks.loop.record import SCHEMA, convert_to_json_values, format_json_document
 from stepblocks.loop.result import LoopResult
 from stepblocks.loop.run import Announce, analyse_table, loop_session, write_loop_result
@@ -362,10 +362,10 @@ def pool_shared_parameters(fitted: Fit, sessions: Sequence[str]) -> dict[str, Po
 
 
 def _pool_on_natural_scale(
-    name: str, unit: str, session_values: Mapping[str, float], covariance: Floats
+    parameter_name: str, unit: str, session_values: Mapping[str, float], covariance: Floats
 ) -> PooledParameter:
     """Pool a parameter; one that is positive by nature as a logarithm, so that it stays so."""
-    if name not in _POSITIVE or min(session_values.values()) <= 0.0:
+    if parameter_name not in _POSITIVE or min(session_values.values()) <= 0.0:
         return pool_parameter(unit, session_values, covariance)
     numbers = np.array(list(session_values.values()))
     logarithms = {session: math.log(value) for session, value in session_values.items()}
@@ -423,7 +423,7 @@ def _put_day_differences_first(
 
 def explain_sessions_together(
     tables: Mapping[str, SessionTable],
-    scans: Scans,
+    scans: ScanFiguresByBlock,
     *,
     jobs: int = 1,
     rules: Rules | None = None,
@@ -509,7 +509,7 @@ def loop_sessions(
         differ, or the output cannot be written.
     """
     folders = _map_names_to_folders(sessions)
-    _refuse_different_probes(folders)
+    _refuse_sessions_of_different_probes(folders)
     output = Path(output)
     with lock_folder(output):
         results, tables, summaries = {}, {}, {}
@@ -557,7 +557,7 @@ def _map_names_to_folders(sessions: Sequence[str | Path]) -> dict[str, Path]:
     return folders
 
 
-def _refuse_different_probes(folders: Mapping[str, Path]) -> None:
+def _refuse_sessions_of_different_probes(folders: Mapping[str, Path]) -> None:
     """Refuse sessions whose springs or known laws differ."""
     stated = {}
     for name, folder in folders.items():
@@ -576,7 +576,7 @@ def _refuse_different_probes(folders: Mapping[str, Path]) -> None:
     )
 
 
-def _merge_scans(results: Iterable[LoopResult]) -> Scans:
+def _merge_scans(results: Iterable[LoopResult]) -> ScanFiguresByBlock:
     """Join the scans of the blocks of all sessions; those of the last session count."""
     scans: dict[str, Mapping[str, float]] = {}
     for result in results:

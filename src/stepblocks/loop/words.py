@@ -54,7 +54,7 @@ _UNFOLLOWED = ("", "none", "block")
 _SHAPES = {"smooth": "a change of", "weighed": "", "trend": "a line of"}
 
 
-def format_name_in_words(name: str) -> str:
+def convert_name_to_words(name: str) -> str:
     """Write the name of a channel, effect or constant in words."""
     if name in CHANNELS_IN_WORDS:
         return CHANNELS_IN_WORDS[name]
@@ -73,8 +73,8 @@ def format_effect_name(effect_id: str, covariate: str = "") -> str:
     """
     ending = f"_{covariate}"
     if covariate in _UNFOLLOWED or ending not in effect_id:
-        return format_name_in_words(effect_id)
-    plain = format_name_in_words(effect_id.replace(ending, ""))
+        return convert_name_to_words(effect_id)
+    plain = convert_name_to_words(effect_id.replace(ending, ""))
     for shape, words in _SHAPES.items():
         plain = plain.replace(shape, words)
     return f"{plain.strip()} over {describe_covariate(covariate)}"
@@ -85,19 +85,19 @@ def capitalise_first_letter(text: str) -> str:
     return text[0].upper() + text[1:]
 
 
-def describe_covariate(name: str) -> str:
+def describe_covariate(covariate: str) -> str:
     """Name what an effect follows; a column that only this session has keeps its own name."""
-    return " times ".join(map(_describe_single_covariate, name.split(TOGETHER)))
+    return " times ".join(map(_describe_single_covariate, covariate.split(TOGETHER)))
 
 
-def _describe_single_covariate(name: str) -> str:
+def _describe_single_covariate(covariate: str) -> str:
     """Name one covariate in words, without its unit."""
-    if name in _COVARIATES:
-        return _COVARIATES[name]
-    return format_column_label(name).partition(",")[0]
+    if covariate in _COVARIATES:
+        return _COVARIATES[covariate]
+    return format_column_label(covariate).partition(",")[0]
 
 
-def format_value(value: float, unit: str, half_width: float = 0.0) -> str:
+def format_in_readable_unit(value: float, unit: str, half_width: float = 0.0) -> str:
     """Write a figure of a parameter in the unit in which people read it.
 
     Parameters
@@ -122,7 +122,7 @@ def format_value(value: float, unit: str, half_width: float = 0.0) -> str:
     return f"{text} {shown_unit}".rstrip()
 
 
-def find_difference_unit(covariate: str) -> str:
+def get_difference_unit(covariate: str) -> str:
     """Return the unit of a difference along a covariate; the covariate's name if none is known."""
     for ending, unit in _COVARIATE_UNITS.items():
         if covariate.endswith(ending):
@@ -147,4 +147,4 @@ def find_slope_factor_and_unit(covariate_range: CovariateRange) -> tuple[float, 
         ), f"1/ln {covariate_range.name}"
     return 2.0 / (
         covariate_range.high - covariate_range.low
-    ), f"1/{find_difference_unit(covariate_range.name)}"
+    ), f"1/{get_difference_unit(covariate_range.name)}"

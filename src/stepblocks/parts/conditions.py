@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from stepblocks.contact.laws import build_laws
+from stepblocks.contact.laws import build_declared_laws
 from stepblocks.contact.operating_point import (
     LIMIT_SOURCES,
     PAPER,
@@ -117,7 +117,7 @@ class PredictionGrid(Table):
     @property
     def built_laws(self) -> dict[str, Any]:
         """The laws that are declared, by kind: friction, contact and tool."""
-        return build_laws(self.laws or {})
+        return build_declared_laws(self.laws or {})
 
     @property
     def frictions_or_law(self) -> tuple[Any, ...]:

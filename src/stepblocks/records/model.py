@@ -16,7 +16,7 @@ from pydantic import TypeAdapter, ValidationError
 from stepblocks.contact.operating_point import Limits, Tool
 from stepblocks.errors import ContactError, PipelineError, QuantityError
 from stepblocks.files.text import read_document
-from stepblocks.lawsearch.law import Active, Law, Parameter
+from stepblocks.lawsearch.law import ActiveEffects, Law, Parameter
 from stepblocks.rig.effects.geometry import make_exchange_law
 from stepblocks.rig.effects.grammar.compose import list_composed_laws
 from stepblocks.rig.effects.grammar.covariates import CovariateRange
@@ -51,7 +51,7 @@ class LearnedFit:
     covariance: Floats
     laws: tuple[Law, ...] = ()
 
-    def list_active_effects(self, values: Mapping[str, float] | None = None) -> Active:
+    def list_active_effects(self, values: Mapping[str, float] | None = None) -> ActiveEffects:
         """Return the effects with their fitted values, or with other `values`."""
         if values is None:
             values = self.values

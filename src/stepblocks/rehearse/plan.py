@@ -187,9 +187,13 @@ class _Condition(NamedTuple):
     speed: float
 
 
-def _draw_random_walk(generator: np.random.Generator, count: int, step_std: float) -> Array:
+def _draw_random_walk(generator: np.random.Generator, step_count: int, step_std: float) -> Array:
     """Return a random walk from zero that spreads alike in any number of trials, shape (n,)."""
-    return np.cumsum(generator.normal(0.0, step_std, count)) / math.sqrt(count) * _WALK_SPREAD
+    return (
+        np.cumsum(generator.normal(0.0, step_std, step_count))
+        / math.sqrt(step_count)
+        * _WALK_SPREAD
+    )
 
 
 def format_block_name(height: float) -> str:

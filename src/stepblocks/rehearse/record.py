@@ -284,7 +284,7 @@ def record_trial_by_drag(
     RecordedTrial or None
         None where the tip does not slip over.
     """
-    from stepblocks.drag.probe import DragSettings, build_probe
+    from stepblocks.drag.probe import DragSettings, build_probe_of_tool
     from stepblocks.drag.ring import measure_ring
     from stepblocks.drag.simulate import simulate_drag
     from stepblocks.drag.track import build_track
@@ -298,7 +298,7 @@ def record_trial_by_drag(
         sample_rate=rig.sample_rate * rig.oversampling,
     )
     track = build_track(step, point.ball_radius)
-    probe = build_probe(tool, point.ball_radius, hardening=hardening)
+    probe = build_probe_of_tool(tool, point.ball_radius, hardening=hardening)
     drag = simulate_drag(track, probe, settings)
     if drag.status is not Status.RELEASES:
         return None

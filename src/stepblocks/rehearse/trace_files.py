@@ -26,11 +26,11 @@ TRACE_FILES = {
 # the text that opens a MAT file of version 5, padded to its length; SciPy writes the hour into it
 _MAT_HEADING = b"MATLAB 5.0 MAT-file, written by stepblocks".ljust(116)
 
-Write = Callable[[int, Trace], None]  # appends the trace of a trial
+WriteTrace = Callable[[int, Trace], None]  # appends the trace of a trial
 
 
 @contextmanager
-def open_trace_writer(folder: Path, trace_format: str) -> Iterator[Write]:
+def open_trace_writer(folder: Path, trace_format: str) -> Iterator[WriteTrace]:
     """Begin the traces of a session in an empty folder; `trace_format` is one of `TRACE_FILES`."""
     path = folder / TRACE_FILES[trace_format]
     if trace_format == "csv":

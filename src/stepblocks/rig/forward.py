@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from stepblocks.contact.laws import FrictionLaw, build_laws
+from stepblocks.contact.laws import FrictionLaw, build_declared_laws
 from stepblocks.contact.operating_point import PAPER, Tool
 from stepblocks.errors import ContactError, PipelineError
-from stepblocks.lawsearch.law import ActiveAtPoints, Law, Parameter
+from stepblocks.lawsearch.law import ActiveEffectsAtPoints, Law, Parameter
 from stepblocks.rig.state import DragState, Floats, compute_shown_channels, indent_contact
 
 TOGETHER = " * "  # between the names of two covariates that act together
@@ -103,7 +103,7 @@ def build_bench_design(
 ) -> BenchDesign:
     """Convert the columns of trials.csv, and ``tip_radius_um``, to SI units.
 
-    `laws` are known beforehand: each by name with its numbers, as `build_laws` takes them.
+    `laws` are known beforehand: each by name with its numbers, as `build_declared_laws` takes them.
     """
     columns = {}
     for name in _COLUMNS:
@@ -116,7 +116,7 @@ def build_bench_design(
         tip_radius=columns["tip_radius_um"] * 1e-6,
         spring_constant=spring_constant,
         covariates=covariates,
-        laws=build_laws(laws or {}),
+        laws=build_declared_laws(laws or {}),
     )
 
 
@@ -194,15 +194,15 @@ def list_fitted_constants(
 
 
 def _make_height_error_parameter(
-    block: str, start: float, reach: float, prior_std: float
+    block: str, start_error: float, reach: float, prior_std: float
 ) -> Parameter:
     """Make the height error of a block: where it begins, how far it may go, its spread [m]."""
     return Parameter(
         make_height_error_name(block),
         "m",
-        start,
-        low=start - reach,
-        high=start + reach,
+        start_error,
+        low=start_error - reach,
+        high=start_error + reach,
         scale=_HEIGHT_SCALE,
         prior_std=max(prior_std, _LEAST_HEIGHT_STD),
         block=block,
@@ -265,11 +265,11 @@ def build_nominal_state(design: BenchDesign, values: Mapping[str, float | Floats
 
 
 def _expand_height_errors_to_trials(
-    design: BenchDesign, values: Mapping[str, float | Floats]
+    design: BenchDesign, constant_values: Mapping[str, float | Floats]
 ) -> Floats:
     """Give each trial the height error of its block [m], shape (n,)."""
     names, block_of_trial = design.block_membership
-    errors = [values.get(name, 0.0) for name in names]
+    errors = [constant_values.get(name, 0.0) for name in names]
     if any(isinstance(error, np.ndarray) for error in errors):
         of_trials = np.stack(np.broadcast_arrays(*errors))
         return np.asarray(of_trials[block_of_trial, np.arange(len(block_of_trial))])
@@ -277,7 +277,7 @@ def _expand_height_errors_to_trials(
 
 
 def build_extended_state(
-    design: BenchDesign, values: Mapping[str, float | Floats], active: ActiveAtPoints = ()
+    design: BenchDesign, values: Mapping[str, float | Floats], active: ActiveEffectsAtPoints = ()
 ) -> DragState:
     """Fill the slots from the constants and apply the effects.
 

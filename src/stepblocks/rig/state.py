@@ -175,7 +175,7 @@ def compute_shown_channels(state: DragState) -> Floats:
         hardened = _compute_hardened_ring(state, energy, spring)
         energy = hardened.energy
         spring = hardened.spring
-    shown = _Shown(energy, force, sliding, state.stiffness * spring.slope)
+    shown = _ShownFigures(energy, force, sliding, state.stiffness * spring.slope)
     if state.lag.any():
         shown = _apply_gauge_lag(state, shown)
     # how far the loops of the gauge open [1]
@@ -185,7 +185,7 @@ def compute_shown_channels(state: DragState) -> Floats:
     return _build_channel_columns(state, shown, spring, sliding, loop)
 
 
-class _Shown(NamedTuple):
+class _ShownFigures(NamedTuple):
     """What the tangential gauge shows of a trial, each of shape (n,)."""
 
     energy: Floats  # of the ring on the nominal spring [J]
@@ -208,10 +208,12 @@ class _HardenedRing(NamedTuple):
     """What the ring of a hardening spring shows, each of shape (n,)."""
 
     energy: Floats  # that the amplitude of its force shows [J]
-    spring: "_Spring"  # with the pitch of that amplitude
+    spring: "_SpringFigures"  # with the pitch of that amplitude
 
 
-def _compute_hardened_ring(state: DragState, energy: Floats, spring: "_Spring") -> _HardenedRing:
+def _compute_hardened_ring(
+    state: DragState, energy: Floats, spring: "_SpringFigures"
+) -> _HardenedRing:
     """Show the ring of a hardening spring that swings with an energy [J].
 
     2 k E = c A^2 + g A^4 / 2 about the level that it rings about; the force at A is A (c + g A^2).
@@ -225,7 +227,7 @@ def _compute_hardened_ring(state: DragState, energy: Floats, spring: "_Spring") 
     return _HardenedRing(shown, spring._replace(pitch=pitch))
 
 
-def _apply_gauge_lag(state: DragState, shown: _Shown) -> _Shown:
+def _apply_gauge_lag(state: DragState, shown: _ShownFigures) -> _ShownFigures:
     """Show a trial by a gauge of first order.
 
     It is late on the ramp by its time constant, and flattens the ring by sqrt(1 + (2 pi f tau)^2).
@@ -242,8 +244,8 @@ def _apply_gauge_lag(state: DragState, shown: _Shown) -> _Shown:
 
 
 def _apply_gauge_nonlinearity(
-    state: DragState, shown: _Shown, force: Floats, loop_opening: Floats
-) -> _Shown:
+    state: DragState, shown: _ShownFigures, force: Floats, loop_opening: Floats
+) -> _ShownFigures:
     """Show a trial by a gauge that is not linear, or has loops after Rayleigh.
 
     The ring swings about the sliding force, and the line of the ramp ends below the peak `force`
@@ -254,7 +256,7 @@ def _apply_gauge_nonlinearity(
     end = sliding + _LINE_SHARE * (force - sliding)
     swing = 1.0 + 2.0 * state.gauge_square * sliding + _LOOP_AT_RELEASE * loop_opening
     mean_slope = 1.0 + bend * (sliding + end)
-    return _Shown(
+    return _ShownFigures(
         energy=shown.energy * swing**2,
         peak=_bend_force_reading(shown.peak, bend),
         sliding=_bend_force_reading(sliding, bend),
@@ -268,7 +270,11 @@ def _bend_force_reading(force: Floats, bend: Floats) -> Floats:
 
 
 def _build_channel_columns(
-    state: DragState, shown: _Shown, spring: "_Spring", sliding: Floats, loop_opening: Floats
+    state: DragState,
+    shown: _ShownFigures,
+    spring: "_SpringFigures",
+    sliding: Floats,
+    loop_opening: Floats,
 ) -> Floats:
     """Compute the `CHANNELS`, some of them logarithms, shape (n, 7).
 
@@ -302,7 +308,7 @@ def _build_channel_columns(
     return np.asarray(np.array(channels).T, order="C")
 
 
-class _Spring(NamedTuple):
+class _SpringFigures(NamedTuple):
     """What a spring ``F = u + g u^3`` is at one deflection ``u = k x`` [N], each of shape (n,)."""
 
     stored: Floats  # energy at the peak [J]
@@ -311,12 +317,14 @@ class _Spring(NamedTuple):
     pitch: Floats  # the stiffness that it rings with, over k
 
 
-def _compute_spring_between_forces(state: DragState, force: Floats, sliding: Floats) -> _Spring:
+def _compute_spring_between_forces(
+    state: DragState, force: Floats, sliding: Floats
+) -> _SpringFigures:
     """Compute the spring between the sliding force and the peak [N]."""
     if not state.hardening.any():
         unity = np.ones_like(force)
         stored = kernels.compute_stored_energy(force, state.stiffness)
-        return _Spring(stored, unity, unity, unity)
+        return _SpringFigures(stored, unity, unity, unity)
     cubic = state.hardening
     low = kernels.compute_unhardened_force(sliding, cubic)
     top = kernels.compute_unhardened_force(force, cubic)
@@ -327,4 +335,4 @@ def _compute_spring_between_forces(state: DragState, force: Floats, sliding: Flo
     level = 1.0 + 3.0 * cubic * low**2
     linear = kernels.compute_stored_energy(top, state.stiffness)
     quartic = 0.25 * cubic * top**4 / state.stiffness
-    return _Spring(linear + quartic, slope, level, pitch=level)
+    return _SpringFigures(linear + quartic, slope, level, pitch=level)

@@ -124,7 +124,7 @@ def build_scene(
         point=point,
         scale=magnification,
         frame=frame,
-        whole=_join_meshes(surface.id, solids),
+        whole=_join_closed_meshes(surface.id, solids),
         pieces=tuple(pieces),
         path=path.scaled(magnification),
         events=contact.events,
@@ -224,7 +224,7 @@ def _choose_scene_frame(surface: Part) -> Frame:
     )
 
 
-def _join_meshes(name: str, meshes: Sequence[Mesh]) -> Mesh:
+def _join_closed_meshes(mesh_name: str, meshes: Sequence[Mesh]) -> Mesh:
     """Put separate closed bodies into one mesh."""
     if len(meshes) == 1:
         return meshes[0]
@@ -234,7 +234,7 @@ def _join_meshes(name: str, meshes: Sequence[Mesh]) -> Mesh:
         triangles.append(mesh.triangles + first_vertex)
         first_vertex += len(mesh.vertices)
     vertices = np.concatenate([mesh.vertices for mesh in meshes])
-    return Mesh(name, vertices, np.concatenate(triangles))
+    return Mesh(mesh_name, vertices, np.concatenate(triangles))
 
 
 def apply_learned_model_to_contact(

@@ -132,7 +132,7 @@ def export_scenes(
     if scale is not None:
         refuse_bad_scale(scale)
     profiles = load_devices(devices)  # a missing file is named even where no device is asked for
-    order = _Order(
+    order = _ExportOptions(
         forms=forms,
         device=None if device is None else get_device(device, profiles),
         scale=scale,
@@ -189,7 +189,7 @@ def _split_two_step_blocks(stimuli: StimulusSet) -> StimulusSet:
     return stimuli.with_parts(parts)
 
 
-def _refuse_idle_step_height(step_height: float, batches: "Sequence[_Batch]") -> None:
+def _refuse_idle_step_height(step_height: float, batches: "Sequence[_SetExport]") -> None:
     """Refuse the height of a step under a tip [m] where no set declares a tip."""
     for batch in batches:
         if any(not part.crossed for part in batch.stimuli.stimuli):
@@ -200,7 +200,7 @@ def _refuse_idle_step_height(step_height: float, batches: "Sequence[_Batch]") ->
     )
 
 
-def _raise_for_empty_export(batches: "Sequence[_Batch]", only: str | None) -> None:
+def _raise_for_empty_export(batches: "Sequence[_SetExport]", only: str | None) -> None:
     """Say why nothing is exported."""
     if only is None:
         names = ", ".join(batch.stimuli.name for batch in batches)
@@ -209,7 +209,7 @@ def _raise_for_empty_export(batches: "Sequence[_Batch]", only: str | None) -> No
 
 
 @dataclass(frozen=True)
-class _Order:
+class _ExportOptions:
     """What is to be written of every set."""
 
     forms: tuple[SceneFormat, ...]
@@ -239,7 +239,7 @@ def _get_scene_formats(simulator: str | Sequence[str]) -> tuple[SceneFormat, ...
 
 
 @dataclass(frozen=True)
-class _Batch:
+class _SetExport:
     """A set with the contacts of all its stimuli, and of those that are meant."""
 
     stimuli: StimulusSet
@@ -250,8 +250,8 @@ class _Batch:
 
 
 def _make_batch(
-    stimuli: StimulusSet, source: str, contacts: list[Contact], order: _Order
-) -> _Batch:
+    stimuli: StimulusSet, source: str, contacts: list[Contact], order: _ExportOptions
+) -> _SetExport:
     """Choose what is written of a set, and the scale of all its scenes."""
     meant = {}
     for part, contact in zip(stimuli.stimuli, contacts, strict=True):
@@ -261,17 +261,17 @@ def _make_batch(
     if scale is None and order.device is not None:
         drags = [(contact.events[0], contact.point) for contact in contacts]
         scale = choose_common_scale(order.device, drags)
-    return _Batch(stimuli, source, contacts, meant, scale)
+    return _SetExport(stimuli, source, contacts, meant, scale)
 
 
-def _iterate_rendering_plans(device: Device, batches: list[_Batch]) -> Iterator[RenderingPlan]:
+def _iterate_rendering_plans(device: Device, batches: list[_SetExport]) -> Iterator[RenderingPlan]:
     """Plan how a device renders each stimulus that is meant."""
     for batch in batches:
         for contact in batch.meant.values():
             yield plan_rendering(device, contact.events[0], contact.point, batch.scale)
 
 
-def _build_batch_scenes(batch: _Batch, order: _Order) -> dict[str, Scene]:
+def _build_batch_scenes(batch: _SetExport, order: _ExportOptions) -> dict[str, Scene]:
     """Build the scenes that are meant; the loudest ring of the set is the full scale of all."""
     loudness = [compute_full_scale_force(contact.events) for contact in batch.contacts]
     full_scale = max(loudness, default=0.0)
@@ -282,7 +282,7 @@ def _build_batch_scenes(batch: _Batch, order: _Order) -> dict[str, Scene]:
 
 
 def _write_whole_set(
-    draft: Path, batch: _Batch, scenes: list[Scene], form: SceneFormat, order: _Order
+    draft: Path, batch: _SetExport, scenes: list[Scene], form: SceneFormat, order: _ExportOptions
 ) -> None:
     """Write what holds several stimuli at once: all blocks of a set, and scanned teeth."""
     name = order.format_folder_name(form)

@@ -4,7 +4,7 @@ from urllib.parse import quote
 
 from nicegui import ui
 
-from stepblocks.loop.words import capitalise_first_letter, format_effect_name, format_name_in_words
+from stepblocks.loop.words import capitalise_first_letter, convert_name_to_words, format_effect_name
 from stepblocks.quantities import format_column_label, format_number, format_units
 from stepblocks.window import texts
 from stepblocks.window.agreement import AskedExperiment, LoopFinding
@@ -26,10 +26,10 @@ def describe_reasons(finding: LoopFinding, asked: AskedExperiment) -> list[str]:
             texts.NEXT_OPEN.format(sentence=capitalise_first_letter(text))
             for text in asked.separates
         ]
-    channel = format_name_in_words(asked.channel) or texts.EVERYTHING
+    channel = convert_name_to_words(asked.channel) or texts.EVERYTHING
     if _NOTHING in asked.separates:
         return [texts.NEXT_CONFIRMS.format(first=names[0], channel=channel)]
-    second = format_name_in_words(asked.separates[-1])
+    second = convert_name_to_words(asked.separates[-1])
     if len(names) > 1:
         second = names[1]
     return [texts.NEXT_REASON.format(first=names[0], second=second, channel=channel)]

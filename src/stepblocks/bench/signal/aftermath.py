@@ -144,11 +144,11 @@ class Aftermath:
 def fit_aftermath(
     time: Array,
     force: Array,
-    marks: Landmarks,
+    landmarks: Landmarks,
     approach: Approach,
     tool: Tool | None = None,
     *,
-    saw: Sawtooth | None = None,
+    sawtooth: Sawtooth | None = None,
 ) -> Aftermath:
     """Fit the ring after a slip, as that of a bell or of a tool whose tip rubs.
 
@@ -156,22 +156,22 @@ def fit_aftermath(
     ----------
     time, force : Array
         Shape (n,), instants [s] and tangential force [N].
-    marks : Landmarks
+    landmarks : Landmarks
     approach : Approach
     tool : Tool or None
         None where it is not known.
-    saw : Sawtooth or None
+    sawtooth : Sawtooth or None
         What the tip drew before the edge.
     """
-    marks = replace(marks, noise=estimate_sliding_noise(time, approach, marks))
-    top = float(time[marks.peak])
+    landmarks = replace(landmarks, noise=estimate_sliding_noise(time, approach, landmarks))
+    top = float(time[landmarks.peak])
     cosine = None
-    if saw is None:
+    if sawtooth is None:
         first = int(np.searchsorted(time, top + _RELEASE_TIME))
         cosine = fit_damped_cosine(
-            time[first:], force[first:], top, approach.mains_frequency, marks.noise
+            time[first:], force[first:], top, approach.mains_frequency, landmarks.noise
         )
-        late = fit_ring_after_rest(time, force, cosine, marks.noise)
+        late = fit_ring_after_rest(time, force, cosine, landmarks.noise)
         if late is not None:
             return late
     else:
@@ -180,13 +180,13 @@ def fit_aftermath(
         time, force = time[:end], force[:end]
     rubbing = None
     if cosine is None or not cosine.misfit < _GOOD:
-        rubbing = _fit_best_rubbing(time, force, marks, approach, tool)
+        rubbing = _fit_best_rubbing(time, force, landmarks, approach, tool)
     # a tip that clearly slips back is no bell that hardens, or that its gauge bends
-    if rubbing is None or (saw is None and not _clearly_rubs(rubbing)):
-        bell = fit_bell_ring(time, force, top, approach.mains_frequency, marks.noise, cosine)
-        if rubbing is None or _is_bell_likelier(time, bell, rubbing, marks):
+    if rubbing is None or (sawtooth is None and not _clearly_rubs(rubbing)):
+        bell = fit_bell_ring(time, force, top, approach.mains_frequency, landmarks.noise, cosine)
+        if rubbing is None or _is_bell_likelier(time, bell, rubbing, landmarks):
             return bell
-    swing = _measure_swing(time, force, marks, approach, rubbing, tool=tool, saw=saw)
+    swing = _measure_swing(time, force, landmarks, approach, rubbing, tool=tool, sawtooth=sawtooth)
     sample = float(np.median(np.diff(time)))
     return _make_rubbing_aftermath(rubbing, swing, sample, tool)
 
@@ -198,7 +198,9 @@ def _clearly_rubs(rubbing: RubbingRing) -> bool:
     return rubbing.backward_force_drop.value > _GAP * rubbing.forward_sliding_force.value
 
 
-def _is_bell_likelier(time: Array, bell: Aftermath, rubbing: RubbingRing, marks: Landmarks) -> bool:
+def _is_bell_likelier(
+    time: Array, bell: Aftermath, rubbing: RubbingRing, landmarks: Landmarks
+) -> bool:
     """Tell whether a ring is rather that of a bell than that of a tip that rubs."""
     ring = bell.ring
     assert isinstance(ring, Ring)
@@ -212,19 +214,19 @@ def _is_bell_likelier(time: Array, bell: Aftermath, rubbing: RubbingRing, marks:
     if rubbing.misfit > _GOOD and of_rubbing > _BETTER * of_bell:
         return True
     has_no_gap = rubbing.backward_force_drop.value < _SLIGHT * rubbing.forward_sliding_force.value
-    slight_miss = _SLIGHT * min(bell.amplitude.value, marks.rise)
+    slight_miss = _SLIGHT * min(bell.amplitude.value, landmarks.rise)
     return has_no_gap and float(np.std(residuals)) < slight_miss
 
 
 def _measure_swing(
     time: Array,
     force: Array,
-    marks: Landmarks,
+    landmarks: Landmarks,
     approach: Approach,
     rubbing: RubbingRing,
     *,
     tool: Tool | None,
-    saw: Sawtooth | None,
+    sawtooth: Sawtooth | None,
 ) -> Swing:
     """Measure the first swing of a tip that rubs; see `fit_aftermath`."""
     frequency = rubbing.frequency.value
@@ -237,17 +239,17 @@ def _measure_swing(
         spread = min(known_spread * known_decay_time, rubbing.decay_time.std)
         decay_time = Estimate(known_decay_time, spread)
     clean = force - approach.compute_hum(time)
-    drift = approach.compute_drift(float(time[marks.peak]))
+    drift = approach.compute_drift(float(time[landmarks.peak]))
     level = approach.sliding_force + drift.value
     motion = Motion(
         time,
         clean,
         normal=clean,
-        peak=marks.peak,
+        peak=landmarks.peak,
         level=level,
         load=0.0,
         slope=approach.initial_slope,
-        noise=marks.noise,
+        noise=landmarks.noise,
         frequency=frequency,
     )
     bottom = find_first_swing(motion)
@@ -258,8 +260,8 @@ def _measure_swing(
     asymmetry = 3.0 * approach.hardening_coefficient * level_of_slide * swung * beyond
     depth = bottom.depth + asymmetry
     level_std = approach.sliding_force_std
-    if saw is not None:
-        level_std = saw.kinetic.std
+    if sawtooth is not None:
+        level_std = sawtooth.kinetic.std
     depth_std = math.hypot(bottom.std, level_std, drift.std)
     return Swing(Estimate(depth, depth_std), bottom.instant, decay_time, 0.5 / frequency)
 
@@ -350,11 +352,11 @@ def fit_bell_ring(
     return Aftermath(bell, release, amplitude, bell.frequency, bell.decay_time, bell.level)
 
 
-def estimate_sliding_noise(time: Array, approach: Approach, marks: Landmarks) -> float:
+def estimate_sliding_noise(time: Array, approach: Approach, landmarks: Landmarks) -> float:
     """Estimate the noise while sliding, be it white or coloured [N]."""
     first_of_ramp = int(np.searchsorted(time, approach.onset))
     scatter = float(np.std(approach.fit.residuals[:first_of_ramp]))
-    return min(max(scatter, marks.noise), _MOST_COLOUR * marks.noise)
+    return min(max(scatter, landmarks.noise), _MOST_COLOUR * landmarks.noise)
 
 
 def _make_rubbing_aftermath(
@@ -406,29 +408,29 @@ def _widen_to_known_value(estimate: Estimate, known_value: float) -> Estimate:
 
 
 def _fit_best_rubbing(
-    time: Array, force: Array, marks: Landmarks, approach: Approach, tool: Tool | None
+    time: Array, force: Array, landmarks: Landmarks, approach: Approach, tool: Tool | None
 ) -> RubbingRing | None:
     """Fit a tip that rubs from one trough after the other, until the tip no longer climbs.
 
     The result is None where the force has no trough after the slip.
     """
     clean = force - approach.compute_hum(time)
-    after = clean[marks.peak :]
+    after = clean[landmarks.peak :]
     level = float(np.median(after[int(after.size * (1.0 - _TAIL_SHARE)) :]))
     spread = GUESSED_SPREAD
     if tool is not None:
         spread = KNOWN_SPREAD
     best: RubbingRing | None = None
-    for guess in _list_tool_guesses(time, clean, marks, approach, tool):
+    for guess in _list_tool_guesses(time, clean, landmarks, approach, tool):
         frequency, _ = guess
-        for trough in _find_troughs(time, clean, marks, level, frequency):
+        for trough in _find_troughs(time, clean, landmarks, level, frequency):
             fit = fit_rubbing_ring(
                 time[trough:],
                 clean[trough:],
                 level,
                 guess,
                 approach.initial_slope,
-                marks.noise,
+                landmarks.noise,
                 spread=spread,
             )
             if best is None or fit.misfit < _MUCH_BETTER * best.misfit:
@@ -439,7 +441,11 @@ def _fit_best_rubbing(
 
 
 def _list_tool_guesses(
-    time: Array, force_without_hum: Array, marks: Landmarks, approach: Approach, tool: Tool | None
+    time: Array,
+    force_without_hum: Array,
+    landmarks: Landmarks,
+    approach: Approach,
+    tool: Tool | None,
 ) -> list[Tool]:
     """Return the tool as known, or as its start-up, its late ring and its first swings show it.
 
@@ -448,16 +454,16 @@ def _list_tool_guesses(
     known = tool or approach.start_up_ring
     if known is not None:
         return [known]
-    late = marks.peak + int((time.size - marks.peak) * _LATE_SHARE)
+    late = landmarks.peak + int((time.size - landmarks.peak) * _LATE_SHARE)
     late_ring = guess_ring_frequency_and_decay(time[late:], force_without_hum[late:])
-    end = int(np.searchsorted(time, time[marks.peak] + _FIRST_SWINGS))
-    early = slice(marks.peak, end)
+    end = int(np.searchsorted(time, time[landmarks.peak] + _FIRST_SWINGS))
+    early = slice(landmarks.peak, end)
     first_swings = guess_ring_frequency_and_decay(
         time[early], np.gradient(force_without_hum[early])
     )
     # where the tip came to rest there is nothing to hear late, and what is heard of decay then is
     # noise
-    is_heard = float(np.std(force_without_hum[late:])) > _HEARD * marks.noise
+    is_heard = float(np.std(force_without_hum[late:])) > _HEARD * landmarks.noise
     if is_heard:
         return [late_ring, first_swings._replace(decay_time=late_ring.decay_time)]
     return [
@@ -467,7 +473,7 @@ def _list_tool_guesses(
 
 
 def _find_troughs(
-    time: Array, force_without_hum: Array, marks: Landmarks, level: float, frequency: float
+    time: Array, force_without_hum: Array, landmarks: Landmarks, level: float, frequency: float
 ) -> list[int]:
     """Return the samples of the troughs below a level after the slip, eight at most.
 
@@ -478,7 +484,7 @@ def _find_troughs(
     smooth = np.convolve(force_without_hum, np.full(5, 0.2), mode="same")
     usable = smooth[: smooth.size - 2]
     troughs: list[int] = []
-    index = marks.peak
+    index = landmarks.peak
     while len(troughs) < _MOST_TROUGHS:
         below = np.flatnonzero(usable[index:] < level)
         if not below.size:

@@ -236,10 +236,10 @@ def _build_bend_columns(time_since_onset: Array) -> Array:
 def fit_approach(
     time: Array,
     force: Array,
-    marks: Landmarks,
+    landmarks: Landmarks,
     start_up_ring: Tool | None,
     *,
-    straight: bool = False,
+    is_straight: bool = False,
 ) -> Approach:
     """Fit sliding and ramp together.
 
@@ -249,43 +249,43 @@ def fit_approach(
     ----------
     time, force : Array
         Shape (n,), instants [s] and tangential force [N].
-    marks : Landmarks
+    landmarks : Landmarks
     start_up_ring : Tool or None
         Ring that the handle's start may have left in the record; None where it is not looked for.
-    straight : bool
+    is_straight : bool
         Whether the ramp is taken to be straight.
     """
-    slide_end = int(np.searchsorted(time, marks.onset))
+    slide_end = int(np.searchsorted(time, landmarks.onset))
     mains = find_mains_frequency(time[:slide_end], force[:slide_end])
     middle_of_slide = float(time[: max(slide_end, 1)].mean())
     clock = Clock(mains, middle_of_slide)
-    approach = _fit_ramp(time, force, marks, clock, start_up_ring)
-    if straight:
+    approach = _fit_ramp(time, force, landmarks, clock, start_up_ring)
+    if is_straight:
         return approach
     fitted_time = time[: approach.fit.residuals.size]
     since = np.maximum(fitted_time - approach.onset, 0.0)
     if approach.fit.would_gain_from(_build_bend_columns(since)):
-        return _fit_ramp(time, force, marks, replace(clock, bent=True), start_up_ring)
+        return _fit_ramp(time, force, landmarks, replace(clock, bent=True), start_up_ring)
     return approach
 
 
 def _fit_ramp(
-    time: Array, force: Array, marks: Landmarks, clock: Clock, start_up_ring: Tool | None
+    time: Array, force: Array, landmarks: Landmarks, clock: Clock, start_up_ring: Tool | None
 ) -> Approach:
     """Fit sliding and ramp up to where the force leaves the line of the ramp."""
-    climb = force[: marks.peak + 1] - marks.level
-    end = int(np.flatnonzero(climb < _RAMP_SHARE * marks.rise)[-1]) + 1
-    fit = _fit_sliding_and_ramp(time[:end], force[:end], marks.onset, clock, start_up_ring)
+    climb = force[: landmarks.peak + 1] - landmarks.level
+    end = int(np.flatnonzero(climb < _RAMP_SHARE * landmarks.rise)[-1]) + 1
+    fit = _fit_sliding_and_ramp(time[:end], force[:end], landmarks.onset, clock, start_up_ring)
     approach = Approach(fit, end, clock)
     # the filter of a converter rings a sample or two ahead of a corner
-    remainder = slice(end, max(marks.peak - 2, end))
+    remainder = slice(end, max(landmarks.peak - 2, end))
     misses = force[remainder] - approach.compute_ramp_line(time[remainder])
-    line_std = approach.compute_ramp_force(float(time[marks.peak])).std
-    left = _find_sample_leaving_ramp_line(misses, marks.noise, line_std)
-    followed = marks.peak
+    line_std = approach.compute_ramp_force(float(time[landmarks.peak])).std
+    left = _find_sample_leaving_ramp_line(misses, landmarks.noise, line_std)
+    followed = landmarks.peak
     if left is not None:
         followed = end + left
-    certain = min(followed, marks.peak - _count_samples_past_release(force, marks))
+    certain = min(followed, landmarks.peak - _count_samples_past_release(force, landmarks))
     if certain <= end:
         return replace(approach, end=max(followed, end))
     fit = _fit_sliding_and_ramp(
@@ -294,14 +294,14 @@ def _fit_ramp(
     return Approach(fit, followed, clock)
 
 
-def _count_samples_past_release(force: Array, marks: Landmarks) -> int:
+def _count_samples_past_release(force: Array, landmarks: Landmarks) -> int:
     """Count the samples up to the peak that may lie past the release, where the force falls gently.
 
     A fall that begins level takes about as long to the noise as from there to four times as deep,
     and noise decides which sample of it is taken for the peak.
     """
-    after = force[marks.peak + 1 : marks.peak + 1 + _TOP_SAMPLES]
-    below_top = after < force[marks.peak] - _TOP_NOISE * marks.noise
+    after = force[landmarks.peak + 1 : landmarks.peak + 1 + _TOP_SAMPLES]
+    below_top = after < force[landmarks.peak] - _TOP_NOISE * landmarks.noise
     if not below_top.any():
         return after.size
     return int(np.argmax(below_top))

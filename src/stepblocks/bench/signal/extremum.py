@@ -30,7 +30,9 @@ class Extremum(NamedTuple):
     instant: float
 
 
-def find_extremum(time: Array, force: Array, index: int, reach: float, noise: float) -> Extremum:
+def find_extremum(
+    time: Array, force: Array, index: int, half_width: float, noise: float
+) -> Extremum:
     """Measure a bottom or top by a quartic about it.
 
     Parameters
@@ -39,14 +41,14 @@ def find_extremum(time: Array, force: Array, index: int, reach: float, noise: fl
         Shape (n,), instants [s] and force [N].
     index : int
         Sample about which the quartic is fitted.
-    reach : float
+    half_width : float
         Time up to which samples on either side count [s].
     noise : float
         Standard deviation of a sample [N].
     """
     sample = float(np.median(np.diff(time)))
-    near = np.abs(time - time[index]) <= max(reach, 4.0 * sample)
-    place = (time[near] - time[index]) / reach
+    near = np.abs(time - time[index]) <= max(half_width, 4.0 * sample)
+    place = (time[near] - time[index]) / half_width
     columns = np.vander(place, 5, increasing=True)
     weights, residuals = fit_linear(columns, force[near])
     # so few samples do not tell their own noise, unless they scatter as noise does in one of twenty
@@ -69,5 +71,5 @@ def find_extremum(time: Array, force: Array, index: int, reach: float, noise: fl
     gradient = np.asarray(turning_place ** np.arange(5), dtype=float)
     height = float(gradient @ weights)
     std = propagate_std(gradient, covariance)
-    instant = float(time[index]) + turning_place * reach
+    instant = float(time[index]) + turning_place * half_width
     return Extremum(height, std, instant)

@@ -27,7 +27,7 @@ from stepblocks.bench.signal.normal import (
     measure_normal_ring_amplitude,
     measure_sliding_normal_force,
 )
-from stepblocks.bench.signal.peak import Peak, find_peak
+from stepblocks.bench.signal.peak import Peak, measure_peak
 from stepblocks.bench.signal.regimes import Regime, classify_regime
 from stepblocks.bench.signal.saw import Sawtooth, find_sawtooth
 from stepblocks.bench.signal.separable import guess_ring_frequency_and_decay
@@ -347,41 +347,43 @@ def measure_trace(
 
 
 def _fit_approach(
-    time: Array, force: Array, marks: Landmarks, tool: Tool | None, saw: Sawtooth | None
+    time: Array, force: Array, landmarks: Landmarks, tool: Tool | None, sawtooth: Sawtooth | None
 ) -> Approach:
     """Fit sliding and ramp; the ring of the start is that of the tool, known or guessed."""
     start_up = tool
     if start_up is None:
-        samples_after_peak = time.size - marks.peak
-        late = marks.peak + samples_after_peak // _LATE_SHARE
+        samples_after_peak = time.size - landmarks.peak
+        late = landmarks.peak + samples_after_peak // _LATE_SHARE
         start_up = guess_ring_frequency_and_decay(time[late:], force[late:])
     # the ramp of a tip that stuck begins with its last tooth
-    return fit_approach(time, force, marks, start_up, straight=saw is not None)
+    return fit_approach(time, force, landmarks, start_up, is_straight=sawtooth is not None)
 
 
 def _fit_aftermath_and_peak(
     time: Array,
     force: Array,
-    marks: Landmarks,
+    landmarks: Landmarks,
     approach: Approach,
     tool: Tool | None,
-    saw: Sawtooth | None,
+    sawtooth: Sawtooth | None,
 ) -> tuple[Aftermath, Peak]:
     """Fit the ring after the slip and the peak before it, each of which helps the other."""
-    if saw is not None:
-        after = fit_aftermath(time, force, marks, approach, tool or USUAL_TOOL, saw=saw)
+    if sawtooth is not None:
+        after = fit_aftermath(
+            time, force, landmarks, approach, tool or USUAL_TOOL, sawtooth=sawtooth
+        )
         # static friction gives way at once, and no straight ramp led up to it
         reach = 0.1 / after.frequency.value
-        top = find_extremum(time, force, marks.peak, reach, marks.noise)
+        top = find_extremum(time, force, landmarks.peak, reach, landmarks.noise)
         return after, Peak(top.instant, top.force, top.std, corner=False)
-    after = fit_aftermath(time, force, marks, approach, tool)
-    peak = find_peak(time, force, marks, approach, after)
+    after = fit_aftermath(time, force, landmarks, approach, tool)
+    peak = measure_peak(time, force, landmarks, approach, after)
     if (
         peak.corner and after.rings_freely and not after.is_late
     ):  # which sample is the highest is a matter of noise
-        noise = estimate_sliding_noise(time, approach, marks)
+        noise = estimate_sliding_noise(time, approach, landmarks)
         after = fit_bell_ring(time, force, peak.time, approach.mains_frequency, noise)
-        peak = find_peak(time, force, marks, approach, after)
+        peak = measure_peak(time, force, landmarks, approach, after)
     if peak.corner:
         after = after.carry_amplitude_to(peak.time)
     return after, peak

@@ -54,8 +54,8 @@ class Peak:
     corner: bool
 
 
-def find_peak(
-    time: Array, force: Array, marks: Landmarks, approach: Approach, after: Aftermath
+def measure_peak(
+    time: Array, force: Array, landmarks: Landmarks, approach: Approach, aftermath: Aftermath
 ) -> Peak:
     """Find the peak: the corner of ramp and release, both fitted.
 
@@ -65,23 +65,25 @@ def find_peak(
     # the highest sample is no measure of it: noise lifts it, and the release falls between two
     # samples
     corner = None
-    if approach.end >= marks.peak - 1:
-        if isinstance(after.ring, Ring):
-            corner = _average_corner_and_local_peak(time, force, marks, approach, after.ring)
+    if approach.end >= landmarks.peak - 1:
+        if isinstance(aftermath.ring, Ring):
+            corner = _average_corner_and_local_peak(
+                time, force, landmarks, approach, aftermath.ring
+            )
         else:
-            corner = _find_corner_from_fall(time, force, marks, approach)
+            corner = _find_corner_from_fall(time, force, landmarks, approach)
     if corner is None:
-        return _find_rounded_peak(time, force, marks, approach)
+        return _find_rounded_peak(time, force, landmarks, approach)
     return corner
 
 
 def _find_ramp_ring_crossing(
-    time: Array, marks: Landmarks, approach: Approach, ring: Ring
+    time: Array, landmarks: Landmarks, approach: Approach, ring: Ring
 ) -> Peak | None:
     """Find where the line of the ramp meets the curve of a bell; None where they do not."""
     from scipy.optimize import brentq
 
-    top = float(time[marks.peak])
+    top = float(time[landmarks.peak])
     step = float(np.median(np.diff(time)))
 
     def compute_excess(instant: float) -> float:
@@ -111,26 +113,26 @@ def _find_ramp_ring_crossing(
 
 
 def _average_corner_and_local_peak(
-    time: Array, force: Array, marks: Landmarks, approach: Approach, ring: Ring
+    time: Array, force: Array, landmarks: Landmarks, approach: Approach, ring: Ring
 ) -> Peak:
     """Average what the samples about the peak show with the corner of ramp and ring.
 
     The corner takes for granted that the fit of the ring holds back to the release; both count by
     the likelihood of the samples about the peak.
     """
-    noise = estimate_sliding_noise(time, approach, marks)
-    window = Window.cut_around_peak(time, force, marks, approach, noise)
+    noise = estimate_sliding_noise(time, approach, landmarks)
+    window = Window.cut_around_peak(time, force, landmarks, approach, noise)
     local = average_peak_over_shapes(window)
-    top = float(time[marks.peak])
+    top = float(time[landmarks.peak])
     ramp = approach.compute_ramp_force(top)
     shown_instant = top + window.sample * local.since
     shown_force = ramp.value + local.height
     shown_std = math.hypot(local.std, ramp.std)
     shown = Peak(shown_instant, shown_force, shown_std, corner=True)
-    corner = _find_ramp_ring_crossing(time, marks, approach, ring)
+    corner = _find_ramp_ring_crossing(time, landmarks, approach, ring)
     if corner is None:
         # where ramp and ring do not meet, the line has bent hum and drift to what is neither
-        instant = time[[marks.peak]]
+        instant = time[[landmarks.peak]]
         clean = approach.compute_ramp_line(instant) - approach.compute_hum(instant)
         return replace(shown, force=float(clean[0]) + local.height)
     instants = top + window.sample * window.since
@@ -154,10 +156,10 @@ def _average_peaks(first: Peak, second: Peak, share_of_first: float) -> Peak:
 
 
 def _find_corner_from_fall(
-    time: Array, force: Array, marks: Landmarks, approach: Approach
+    time: Array, force: Array, landmarks: Landmarks, approach: Approach
 ) -> Peak | None:
     """Find where the line of the ramp meets a parabola through the first samples after it."""
-    first = _find_first_sample_after_corner(time, force, marks, approach)
+    first = _find_first_sample_after_corner(time, force, landmarks, approach)
     if first is None:
         return None
     fall = slice(first, first + _FALL_SAMPLES)
@@ -175,7 +177,7 @@ def _find_corner_from_fall(
     gradient = np.asarray(place ** np.arange(3), dtype=float)
     of_residuals = propagate_std(gradient, covariance)
     unit_covariance = np.asarray(np.linalg.inv(columns.T @ columns), dtype=float)
-    of_noise = propagate_std(gradient, unit_covariance) * marks.noise
+    of_noise = propagate_std(gradient, unit_covariance) * landmarks.noise
     instant = float(time[first]) + place * step
     # how a fall begins between two samples is not seen
     unseen = approach.initial_slope * step / math.sqrt(12.0)
@@ -185,14 +187,14 @@ def _find_corner_from_fall(
 
 
 def _find_first_sample_after_corner(
-    time: Array, force: Array, marks: Landmarks, approach: Approach
+    time: Array, force: Array, landmarks: Landmarks, approach: Approach
 ) -> int | None:
     """Return the index of the first sample after a corner; None where there is no corner."""
     # noise decides which of the samples about a corner is the highest; the fall begins where the
     # line is left
     below = approach.compute_ramp_line(time) - force
-    deep = max(_CLEAR_FALL * marks.rise, _CLEAR_NOISE * marks.noise)
-    candidates = range(marks.peak - 1, marks.peak - 1 + _FIRST_SAMPLES)
+    deep = max(_CLEAR_FALL * landmarks.rise, _CLEAR_NOISE * landmarks.noise)
+    candidates = range(landmarks.peak - 1, landmarks.peak - 1 + _FIRST_SAMPLES)
     for first in candidates:
         if below[first] > deep and below[first + 1] > below[first]:
             break
@@ -213,11 +215,11 @@ def _find_last_downward_zero(parabola_coefficients: Array) -> float | None:
     return float(grid[above[-1]])
 
 
-def _find_rounded_peak(time: Array, force: Array, marks: Landmarks, approach: Approach) -> Peak:
+def _find_rounded_peak(time: Array, force: Array, landmarks: Landmarks, approach: Approach) -> Peak:
     """Return the top of a cubic about the highest sample."""
     clean = force - approach.compute_hum(time)
-    top = _find_top_samples(time, clean, marks)
-    since = time[top] - time[marks.peak]
+    top = _find_top_samples(time, clean, landmarks)
+    since = time[top] - time[landmarks.peak]
     reach = float(np.abs(since).max())
     columns = np.vander(since / reach, 4, increasing=True)
     weights, covariance = fit_with_covariance(columns, clean[top])
@@ -227,22 +229,22 @@ def _find_rounded_peak(time: Array, force: Array, marks: Landmarks, approach: Ap
     place = grid[best]
     gradient = np.asarray(place ** np.arange(4), dtype=float)
     std = _ROUND_SPREAD * propagate_std(gradient, covariance)
-    instant = float(time[marks.peak] + place * reach)
+    instant = float(time[landmarks.peak] + place * reach)
     return Peak(instant, float(heights[best]), std, corner=False)
 
 
-def _find_top_samples(time: Array, clean: Array, marks: Landmarks) -> slice:
-    """Return the slice of the samples of a rounded peak; `clean` is the force without hum [N]."""
-    smooth = np.convolve(clean, np.full(5, 0.2), mode="same")
-    tolerance = max(_TOP_SHARE * marks.rise, _TOP_NOISE * marks.noise)
-    is_high = smooth > smooth[marks.peak] - tolerance
-    is_near = np.abs(time - time[marks.peak]) < _TOP_REACH
+def _find_top_samples(time: Array, force_without_hum: Array, landmarks: Landmarks) -> slice:
+    """Return the slice of the samples of a rounded peak, by the force without hum [N]."""
+    smooth = np.convolve(force_without_hum, np.full(5, 0.2), mode="same")
+    tolerance = max(_TOP_SHARE * landmarks.rise, _TOP_NOISE * landmarks.noise)
+    is_high = smooth > smooth[landmarks.peak] - tolerance
+    is_near = np.abs(time - time[landmarks.peak]) < _TOP_REACH
     parts, _ = label(is_high & is_near)
-    top = np.flatnonzero(parts == parts[marks.peak])
-    first = min(int(top[0]), marks.peak - 3)
-    last = max(int(top[-1]), marks.peak + 3)
+    top = np.flatnonzero(parts == parts[landmarks.peak])
+    first = min(int(top[0]), landmarks.peak - 3)
+    last = max(int(top[-1]), landmarks.peak + 3)
     # no cubic follows a fall between two samples, as of a simulated tip without mass
-    steepest = np.diff(clean[marks.peak : last + 1]).min()
-    if steepest < -_FALL_AT_ONCE * marks.rise:
-        last = marks.peak
+    steepest = np.diff(force_without_hum[landmarks.peak : last + 1]).min()
+    if steepest < -_FALL_AT_ONCE * landmarks.rise:
+        last = landmarks.peak
     return slice(first, last + 1)

@@ -194,9 +194,9 @@ class Ring:
             gradient[_RING_WEIGHTS] = growth * cosine / size, growth * sine / size
         return Estimate(carried, propagate_std(gradient, self.fit.covariance))
 
-    def _compute_curve_for_shape(self, since: Array, shape: Array) -> Array:
+    def _compute_curve_for_shape(self, since: Array, ring_shape: Array) -> Array:
         """Compute the fit at times since the origin for a shape, with the fitted weights [N]."""
-        columns = self.basis.build_columns(since, shape)
+        columns = self.basis.build_columns(since, ring_shape)
         return np.asarray(columns @ self.fit.weights, dtype=float)
 
 
@@ -257,14 +257,14 @@ def _compute_level_over_amplitude(ring: Ring) -> float:
 
 
 def _fit_ring_on_basis(
-    time: Array, force: Array, basis: RingBasis, noise: float, start: Array
+    time: Array, force: Array, basis: RingBasis, noise: float, start_shape: Array
 ) -> Ring:
     """Fit the columns of a basis, beginning with a shape of 3 or, of a tool that hardens, of 4."""
-    count = start.size
+    count = start_shape.size
     least_frequency = 0.7
     if count == _PARAMETERS_OF_COSINE:
         least_frequency = 0.85
-    frequency = start[_FREQUENCY]
+    frequency = start_shape[_FREQUENCY]
     lower = np.array([least_frequency * frequency, 1e-3, _LEAST_RELEASE_DECAY, 0.0])
     upper = np.array([1.15 * frequency, 1.0, _MOST_RELEASE_DECAY, 3.0])
     scale = np.array([1.0, 5e-3, 1e-4, 0.05])
@@ -281,7 +281,7 @@ def _fit_ring_on_basis(
     fit = fit_separable(
         build_columns,
         force,
-        start=start,
+        start=start_shape,
         lower=lower[:count],
         upper=upper[:count],
         scale=scale[:count],
@@ -303,9 +303,9 @@ def _fit_ring_on_basis(
     )
 
 
-def _build_squared_ring_columns(since: Array, shape: Array) -> Array:
+def _build_squared_ring_columns(since: Array, ring_shape: Array) -> Array:
     """Return what the square of a ring holds, (n, 3): a level that dies with it, its octave."""
-    frequency, decay_time = shape[:2].tolist()
+    frequency, decay_time = ring_shape[:2].tolist()
     level = np.exp(-2.0 * since / decay_time)
     octave = build_damped_wave_columns(since, 2.0 * frequency, 0.5 * decay_time)
     return np.hstack([level[:, None], octave])

@@ -91,7 +91,7 @@ class _Teeth:
 
 
 def find_sawtooth(
-    time: Array, force: Array, marks: Landmarks, tool: Tool, stiffness: float
+    time: Array, force: Array, landmarks: Landmarks, tool: Tool, stiffness: float
 ) -> Sawtooth | None:
     """Look for teeth before the edge.
 
@@ -99,7 +99,7 @@ def find_sawtooth(
     ----------
     time, force : Array
         Shape (n,), instants [s] and tangential force [N].
-    marks : Landmarks
+    landmarks : Landmarks
     tool : Tool
     stiffness : float
         Spring constant [N/m].
@@ -109,21 +109,23 @@ def find_sawtooth(
     Sawtooth or None
         None where the tip slides.
     """
-    smooth = np.convolve(force, np.full(3, 1.0 / 3.0), mode="same")[: marks.peak]
-    slope = _measure_ramp_slope(time, force, smooth, marks)
+    smooth = np.convolve(force, np.full(3, 1.0 / 3.0), mode="same")[: landmarks.peak]
+    slope = _measure_ramp_slope(time, force, smooth, landmarks)
     if slope <= 0.0:
         return None
-    teeth = _find_teeth(time, smooth, marks.noise)
+    teeth = _find_teeth(time, smooth, landmarks.noise)
     if teeth is None or not _do_teeth_climb_like_ramp(teeth, slope):
         return None
-    return _measure_saw(time, force, marks, teeth, tool=tool, stiffness=stiffness, slope=slope)
+    return _measure_sawtooth(
+        time, force, landmarks, teeth, tool=tool, stiffness=stiffness, slope=slope
+    )
 
 
 def _measure_ramp_slope(
-    time: Array, force: Array, smoothed_force: Array, marks: Landmarks
+    time: Array, force: Array, smoothed_force: Array, landmarks: Landmarks
 ) -> float:
     """Return the slope of the ramp of the edge [N/s]; 0 where too few samples show it."""
-    share = (smoothed_force - marks.level) / marks.rise
+    share = (smoothed_force - landmarks.level) / landmarks.rise
     first = int(np.flatnonzero(share < _RAMP_BEGIN)[-1])
     stop = int(np.flatnonzero(share < _RAMP_END)[-1]) + 1
     if stop - first <= 2:
@@ -171,10 +173,10 @@ def _do_teeth_climb_like_ramp(teeth: _Teeth, slope: float) -> bool:
     return bool(teeth.rises[-1] >= _ALIKE * float(np.median(teeth.rises)))
 
 
-def _measure_saw(
+def _measure_sawtooth(
     time: Array,
     force: Array,
-    marks: Landmarks,
+    landmarks: Landmarks,
     teeth: _Teeth,
     *,
     tool: Tool,
@@ -189,13 +191,13 @@ def _measure_saw(
     reach = 0.1 / frequency
     low, high = [], []
     for tooth in teeth.teeth:
-        low.append(find_extremum(time, force, tooth.bottom, reach, marks.noise).force)
-        high.append(find_extremum(time, force, tooth.top, reach, marks.noise).force)
+        low.append(find_extremum(time, force, tooth.bottom, reach, landmarks.noise).force)
+        high.append(find_extremum(time, force, tooth.top, reach, landmarks.noise).force)
     root = math.sqrt(len(teeth.teeth))
     top = float(np.median(high))
     bottom = float(np.median(low))
-    top_std = max(float(np.std(high)), marks.noise) / root
-    bottom_std = max(float(np.std(low)), marks.noise) / root
+    top_std = max(float(np.std(high)), landmarks.noise) / root
+    bottom_std = max(float(np.std(low)), landmarks.noise) / root
     # it swings about the force of sliding and loses what the damper takes in half a period
     kept = math.exp(-0.5 / (frequency * decay_time))
     kinetic = (top * kept + bottom) / (1.0 + kept)
@@ -218,7 +220,7 @@ def _measure_saw(
         stick_time=Estimate(stick_time, stick_std),
         static=Estimate(static, math.hypot(top_std, kinetic_std)),
         kinetic=Estimate(kinetic, kinetic_std),
-        onset=min(onset, marks.peak - 3),
+        onset=min(onset, landmarks.peak - 3),
     )
 
 

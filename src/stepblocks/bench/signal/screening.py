@@ -134,39 +134,39 @@ def _find_saturation_fault(
     return None
 
 
-def _describe_flat_run(run: "_Run", extreme: str, force: float) -> str:
+def _describe_flat_run(run: "_FlatRun", extreme: str, force: float) -> str:
     """Say how many samples stand at an extreme force [N], the highest or the lowest."""
     return f"{run.length} samples in a row at the {extreme} force, {force:.4g} N"
 
 
-class _Run(NamedTuple):
+class _FlatRun(NamedTuple):
     """Samples in a row: the number of them, and the first."""
 
     length: int
     start: int
 
 
-def _find_flat_top_run(values: Array) -> _Run | None:
+def _find_flat_top_run(force: Array) -> _FlatRun | None:
     """Find samples in a row at the highest value, to which the record was still moving."""
-    moves = np.abs(np.diff(values))
+    moves = np.abs(np.diff(force))
     step = float(np.min(moves, where=moves > 0.0, initial=np.inf))
-    top = float(values.max())
-    run = _find_longest_run(values >= top)
+    top = float(force.max())
+    run = _find_longest_run(force >= top)
     if run.length < _FLAT_SAMPLES or run.start < _FLAT_SAMPLES:
         return None
     # noise may touch the top before it stays there: a stretch twice as long tells how far the
     # force had still to go
     least_move = _FLAT_STEPS * (step + float(np.mean(moves[: run.start])))
-    before = values[max(run.start - 2 * run.length, 0) : run.start]
+    before = force[max(run.start - 2 * run.length, 0) : run.start]
     if top - float(np.median(before)) > least_move:
         return run
     return None
 
 
-def _find_longest_run(mask: NDArray[np.bool_]) -> _Run:
+def _find_longest_run(mask: NDArray[np.bool_]) -> _FlatRun:
     """Find the longest run of True; of equal ones, the first."""
     edges = np.flatnonzero(np.diff(mask, prepend=False, append=False))
     starts, ends = edges[::2], edges[1::2]
     lengths = ends - starts
     longest = int(np.argmax(lengths))
-    return _Run(int(lengths[longest]), int(starts[longest]))
+    return _FlatRun(int(lengths[longest]), int(starts[longest]))

@@ -94,19 +94,19 @@ def fit_separable(
     from scipy.optimize import least_squares
 
     @lru_cache(maxsize=1)
-    def solve(shape: bytes) -> _LinearFit:
+    def solve_for_weights(shape: bytes) -> _LinearFit:
         """Solve for the weights of a shape, given as bytes; the last solution is kept."""
         columns = build_basis(np.frombuffer(shape))
         weights, residuals = fit_linear(columns, values, rcond=_RANK_OF_SEARCH)
         return _LinearFit(columns, weights, residuals)
 
     def compute_residuals(shape: Array) -> Array:
-        return solve(shape.tobytes()).residuals
+        return solve_for_weights(shape.tobytes()).residuals
 
-    def differentiate(shape: Array) -> Array:
+    def differentiate_residuals(shape: Array) -> Array:
         # the columns as a shape moves them, less what their own weights take up at once
         # (Kaufman 1975, doi:10.1007/bf01932995)
-        fit = solve(shape.tobytes())
+        fit = solve_for_weights(shape.tobytes())
         if differentiate_model is not None:
             moved = differentiate_model(shape, fit.columns, fit.weights)
         else:
@@ -117,7 +117,7 @@ def fit_separable(
     search = least_squares(
         compute_residuals,
         np.clip(start, lower, upper),
-        jac=differentiate,
+        jac=differentiate_residuals,
         bounds=(lower, upper),
         x_scale=scale,
         xtol=1e-9,
@@ -125,7 +125,7 @@ def fit_separable(
         max_nfev=60,
     )
     shape = search.x
-    fit = solve(shape.tobytes())
+    fit = solve_for_weights(shape.tobytes())
 
     def compute_model(shape: Array) -> Array:
         return np.asarray(build_basis(shape) @ fit.weights, dtype=float)
@@ -209,25 +209,25 @@ def build_wave_columns(time: Array, frequency: float) -> Array:
     return np.stack([np.cos(phase), np.sin(phase)]).T
 
 
-def guess_ring_frequency_and_decay(time: Array, values: Array) -> Tool:
-    """Guess frequency [Hz] and decay time [s] of the strongest ring in `values`."""
+def guess_ring_frequency_and_decay(time: Array, signal: Array) -> Tool:
+    """Guess frequency [Hz] and decay time [s] of the strongest ring in `signal`."""
     since = time - time[0]
-    frequency = _find_strongest_spectral_line(time, values)
+    frequency = _find_strongest_spectral_line(time, signal)
 
     def compute_rest_of_ring(decay_time: float) -> float:
         ring = build_damped_wave_columns(since, frequency, decay_time)
-        return compute_residual_sum_of_squares(np.column_stack([np.ones_like(since), ring]), values)
+        return compute_residual_sum_of_squares(np.column_stack([np.ones_like(since), ring]), signal)
 
     return Tool(frequency, min(_DECAYS, key=compute_rest_of_ring))
 
 
-def _find_strongest_spectral_line(time: Array, values: Array) -> float:
+def _find_strongest_spectral_line(time: Array, signal: Array) -> float:
     """Return the frequency of the highest line of the spectrum above hum [Hz]."""
-    count = values.size
+    count = signal.size
     rate = (count - 1) / (time[-1] - time[0])
     size = 1 << (4 * count - 1).bit_length()
     falling_window = np.hanning(2 * count)[count:]
-    windowed = (values - values.mean()) * falling_window
+    windowed = (signal - signal.mean()) * falling_window
     spectrum = np.abs(np.fft.rfft(windowed, size))
     frequencies = np.fft.rfftfreq(size, 1.0 / rate)
     spectrum[frequencies < _LOWEST] = 0.0

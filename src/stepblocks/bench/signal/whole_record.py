@@ -306,14 +306,14 @@ def _average_shape_fits(fits: list[_ShapeFit], release: float) -> WholeRecord:
     shares = odds / odds.sum()
     best = fits[int(np.argmin(criteria))]
 
-    def average(estimate: Callable[[_ShapeFit], Estimate]) -> Estimate:
+    def average_over_shapes(estimate: Callable[[_ShapeFit], Estimate]) -> Estimate:
         """Average an estimate over the shapes by their shares."""
         return _average_estimates([estimate(fit) for fit in fits], shares)
 
-    since_release = average(_ShapeFit.get_release_time)
+    since_release = average_over_shapes(_ShapeFit.get_release_time)
     release_time = Estimate(release + since_release.value, since_release.std)
-    peak_force = average(_ShapeFit.estimate_peak_force)
-    ring_amplitude = average(_ShapeFit.estimate_ring_amplitude)
+    peak_force = average_over_shapes(_ShapeFit.estimate_peak_force)
+    ring_amplitude = average_over_shapes(_ShapeFit.estimate_ring_amplitude)
     noise = np.sqrt(np.mean(best.fitted.residuals**2))
     return WholeRecord(
         shape=best.shape,
@@ -322,9 +322,9 @@ def _average_shape_fits(fits: list[_ShapeFit], release: float) -> WholeRecord:
         peak_force=peak_force,
         ring_amplitude=ring_amplitude,
         release_time=release_time,
-        slope=average(_ShapeFit.get_ramp_slope),
-        frequency=average(_ShapeFit.get_frequency),
-        decay_time=average(_ShapeFit.get_decay_time),
+        slope=average_over_shapes(_ShapeFit.get_ramp_slope),
+        frequency=average_over_shapes(_ShapeFit.get_frequency),
+        decay_time=average_over_shapes(_ShapeFit.get_decay_time),
         noise=float(noise),
     )
 

@@ -80,66 +80,70 @@ def close_container_in_worker(path: Path) -> dict[str, object]:
 
 
 def _read_columns(
-    path: Path, kind: str, layout: TextLayout, place: TrialPlace, names: Sequence[str | int]
+    path: Path,
+    trace_format: str,
+    layout: TextLayout,
+    place: TrialPlace,
+    asked_columns: Sequence[str | int],
 ) -> dict[str, object]:
     """Read columns and increments; see `read_columns_in_worker`."""
-    reader = READERS[kind]
+    reader = READERS[trace_format]
     if place.has_own_file:
         opened = reader.open(path, layout)
     else:
-        opened = nullcontext(_open_current_container(path, kind, layout))
+        opened = nullcontext(_open_current_container(path, trace_format, layout))
     with opened as file:
-        if not names:
+        if not asked_columns:
             return {}
         group = reader.find_group(file, place)
         columns: dict[str, object] = {}
-        for number, name in enumerate(names):
+        for number, name in enumerate(asked_columns):
             columns[str(number)] = _convert_samples(reader.read_column(group, name), name)
-        columns["increments"] = _read_sample_intervals(reader, group, names)
-        columns["notes"] = reader.list_notes(group, names)
+        columns["increments"] = _read_sample_intervals(reader, group, asked_columns)
+        columns["notes"] = reader.list_notes(group, asked_columns)
         return columns
 
 
-def _open_current_container(path: Path, kind: str, layout: TextLayout) -> object:
+def _open_current_container(path: Path, trace_format: str, layout: TextLayout) -> object:
     """Return a container, opened anew where the file has changed."""
     status = path.stat()
     stamp = (status.st_ino, status.st_size, status.st_mtime_ns)
-    file, _ = _open_cached_container(kind, path, stamp, layout)
+    file, _ = _open_cached_container(trace_format, path, stamp, layout)
     return file
 
 
 @lru_cache(maxsize=1)
 def _open_cached_container(
-    kind: str, path: Path, _stamp: tuple[int, ...], layout: TextLayout
+    trace_format: str, path: Path, _stamp: tuple[int, ...], layout: TextLayout
 ) -> tuple[object, ExitStack]:
     """Open a file that stays open for the trials that follow, as long as its holder is kept."""
     holder = ExitStack()
-    file = holder.enter_context(READERS[kind].open(path, layout))
+    file = holder.enter_context(READERS[trace_format].open(path, layout))
     return file, holder
 
 
-def _convert_samples(values: object, name: str | int) -> Array:
+def _convert_samples(raw_samples: object, channel: str | int) -> Array:
     """Return the samples of one channel, shape (n,); refuse anything but a row of numbers."""
-    array = np.asarray(values)
+    array = np.asarray(raw_samples)
     if array.dtype.kind not in "fiub":
         raise TraceError(
             FaultKind.WITHOUT_HEADING,
-            f"channel {name!r} holds no numbers but {array.dtype}",
+            f"channel {channel!r} holds no numbers but {array.dtype}",
         )
-    refuse_oversized_channel(array.size, name)
+    refuse_oversized_channel(array.size, channel)
     if array.ndim > 1 and max(array.shape) != array.size:
         raise TraceError(
             FaultKind.WITHOUT_HEADING,
-            f"channel {name!r} is a table of shape {array.shape}, no column",
+            f"channel {channel!r} is a table of shape {array.shape}, no column",
         )
     return np.asarray(array, dtype=float).ravel()
 
 
 def _read_sample_intervals(
-    reader: TraceReader[Any, Any], group: object, names: Sequence[str | int]
+    reader: TraceReader[Any, Any], group: object, columns: Sequence[str | int]
 ) -> Array:
     """Return the times between two samples that the attributes of a trial state."""
-    attributes = reader.read_attributes(group, names)
+    attributes = reader.read_attributes(group, columns)
     increments = []
     for key, power in _INCREMENTS.items():
         value: Any = attributes.get(key)

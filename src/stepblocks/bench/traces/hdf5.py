@@ -65,23 +65,25 @@ class Hdf5Reader(TraceReader["h5py.File", "h5py.Group | h5py.Dataset | RowOfFile
         )
 
     def read_column(
-        self, group: "h5py.Group | h5py.Dataset | RowOfFile", name: str | int
+        self, group: "h5py.Group | h5py.Dataset | RowOfFile", column: str | int
     ) -> ArrayLike:
         """Read one channel of a group of datasets, of a table, or of a row of arrays."""
         if isinstance(group, RowOfFile):
-            return _read_array_row(group, name)
+            return _read_array_row(group, column)
         if isinstance(group, h5py.Dataset):
-            return _read_table_column(group, name)
-        if isinstance(name, int) or name not in group:
+            return _read_table_column(group, column)
+        if isinstance(column, int) or column not in group:
             raise TraceError(
                 FaultKind.UNKNOWN_CHANNEL,
-                f"no {name!r} in the group, it has {format_first_eight_names(group)}",
+                f"no {column!r} in the group, it has {format_first_eight_names(group)}",
             )
-        dataset = group[name]
+        dataset = group[column]
         if not isinstance(dataset, h5py.Dataset):
-            raise TraceError(FaultKind.WITHOUT_HEADING, f"channel {name!r} is a group, no dataset")
+            raise TraceError(
+                FaultKind.WITHOUT_HEADING, f"channel {column!r} is a group, no dataset"
+            )
         _refuse_external_storage(dataset, group)
-        refuse_oversized_channel(dataset.size, name)
+        refuse_oversized_channel(dataset.size, column)
         return np.asarray(dataset[()])
 
     def read_attributes(
@@ -110,53 +112,53 @@ def _describe_top_level_arrays(file: "h5py.File") -> str:
     return describe_file_arrays(shapes)
 
 
-def _read_array_row(group: RowOfFile, name: str | int) -> ArrayLike:
+def _read_array_row(group: RowOfFile, array_name: str | int) -> ArrayLike:
     """Read the row of one trial from an array of trials x samples."""
-    if isinstance(name, int) or name not in group.file:
+    if isinstance(array_name, int) or array_name not in group.file:
         raise TraceError(
             FaultKind.UNKNOWN_CHANNEL,
-            f"no array {name!r}; {_describe_top_level_arrays(group.file)}",
+            f"no array {array_name!r}; {_describe_top_level_arrays(group.file)}",
         )
-    array = group.file[name]
+    array = group.file[array_name]
     if not isinstance(array, h5py.Dataset):
-        raise TraceError(FaultKind.WITHOUT_HEADING, f"channel {name!r} is a group, no array")
+        raise TraceError(FaultKind.WITHOUT_HEADING, f"channel {array_name!r} is a group, no array")
     _refuse_external_storage(array, group.file)
     if max(array.shape, default=0) == array.size:
-        refuse_oversized_channel(array.size, name)
+        refuse_oversized_channel(array.size, array_name)
         return np.asarray(array[()]).ravel()
-    axis = group.row.find_trial_axis(array.shape, name)
-    refuse_oversized_channel(array.shape[1 - axis], name)
+    axis = group.row.find_trial_axis(array.shape, array_name)
+    refuse_oversized_channel(array.shape[1 - axis], array_name)
     if axis == 0:
         return cut_trailing_nans(np.asarray(array[group.row.number, :]))
     return cut_trailing_nans(np.asarray(array[:, group.row.number]))
 
 
-def _refuse_external_storage(item: "h5py.HLObject", container: "h5py.HLObject") -> None:
+def _refuse_external_storage(hdf5_object: "h5py.HLObject", container: "h5py.HLObject") -> None:
     """Refuse what lies in another file, by a link or by storage outside.
 
     A session is what its folder holds.
     """
-    is_inside = item.file.filename == container.file.filename
-    if isinstance(item, h5py.Dataset) and (item.external or item.is_virtual):
+    is_inside = hdf5_object.file.filename == container.file.filename
+    if isinstance(hdf5_object, h5py.Dataset) and (hdf5_object.external or hdf5_object.is_virtual):
         is_inside = False
     if not is_inside:
         raise TraceError(
-            FaultKind.WITHOUT_HEADING, f"{item.name} lies in another file, which is not read"
+            FaultKind.WITHOUT_HEADING, f"{hdf5_object.name} lies in another file, which is not read"
         )
 
 
-def _read_table_column(table: "h5py.Dataset", name: str | int) -> ArrayLike:
+def _read_table_column(table: "h5py.Dataset", column: str | int) -> ArrayLike:
     """Read a column of a table, by its name in a compound one, by its index in a plain one."""
     if table.size > _MOST_COLUMNS * MOST_SAMPLES:
         raise TraceError(FaultKind.WITHOUT_HEADING, f"table of shape {table.shape} is too large")
-    if isinstance(name, int):
-        return _read_plain_column(table, name)
-    if name not in (table.dtype.names or ()):
+    if isinstance(column, int):
+        return _read_plain_column(table, column)
+    if column not in (table.dtype.names or ()):
         raise TraceError(
             FaultKind.UNKNOWN_CHANNEL,
-            f"the table has no {name!r}, it has {table.dtype.names}",
+            f"the table has no {column!r}, it has {table.dtype.names}",
         )
-    return np.asarray(table[name])
+    return np.asarray(table[column])
 
 
 def _read_plain_column(table: "h5py.Dataset", index: int) -> ArrayLike:

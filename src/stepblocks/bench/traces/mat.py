@@ -78,22 +78,24 @@ class Variables:
                 shapes[name] = tuple(shape)
         return describe_file_arrays(shapes)
 
-    def _load_variable(self, name: str, extent: Extent) -> object:
+    def _load_variable(self, variable_name: str, extent: Extent) -> object:
         """Read one variable."""
         if extent.length > _MOST_BYTES:
             raise TraceError(
                 FaultKind.WITHOUT_HEADING,
-                f"variable {name!r} has more than {_MOST_BYTES} bytes",
+                f"variable {variable_name!r} has more than {_MOST_BYTES} bytes",
             )
         try:
             opened: Any = _extract_variable(self.path, extent)  # the stubs know paths alone
             variables = loadmat(opened, simplify_cells=True)
-            return variables[name]
+            return variables[variable_name]
         except MemoryError:
             raise
         except Exception as error:  # zlib, type and key errors of a damaged variable
             reason = str(error)[:_LONGEST_REASON]
-            raise TraceError(FaultKind.UNREADABLE, f"variable {name!r}: {reason}") from error
+            raise TraceError(
+                FaultKind.UNREADABLE, f"variable {variable_name!r}: {reason}"
+            ) from error
 
 
 def _extract_variable(path: Path, extent: Extent) -> io.BytesIO:
@@ -138,18 +140,18 @@ class MatReader(TraceReader[Any, Any]):
             return value
         return np.asarray(value)
 
-    def read_column(self, group: object, name: str | int) -> ArrayLike:
+    def read_column(self, group: object, column: str | int) -> ArrayLike:
         """Read one channel."""
         if isinstance(group, RowOfVariables):
-            array = np.asarray(group.variables.load_first_variable((str(name),)))
-            return group.row.select_samples(array, name)
+            array = np.asarray(group.variables.load_first_variable((str(column),)))
+            return group.row.select_samples(array, column)
         if isinstance(group, Variables):
-            return np.asarray(group.load_first_variable((str(name),)))
+            return np.asarray(group.load_first_variable((str(column),)))
         if isinstance(group, dict):
-            return np.asarray(_get_struct_field(group, name))
+            return np.asarray(_get_struct_field(group, column))
         if isinstance(group, np.ndarray):
-            return _get_matrix_column(group, name)
-        return self._hdf5.read_column(group, name)
+            return _get_matrix_column(group, column)
+        return self._hdf5.read_column(group, column)
 
     def read_attributes(self, group: object, names: Sequence[str | int]) -> Mapping[str, object]:
         """Return the attributes of an HDF5 group; other groups have none."""
@@ -168,25 +170,25 @@ def _is_hdf5(path: Path) -> bool:
     return _HDF5_MARK in (begin, after_block)
 
 
-def _get_struct_field(fields: Mapping[str, object], name: str | int) -> object:
+def _get_struct_field(fields: Mapping[str, object], field: str | int) -> object:
     """Return a field of a struct; refuse a name that the struct lacks."""
-    if name not in fields:
+    if field not in fields:
         raise TraceError(
             FaultKind.UNKNOWN_CHANNEL,
-            f"no {name!r} in the struct, it has {format_first_eight_names(fields)}",
+            f"no {field!r} in the struct, it has {format_first_eight_names(fields)}",
         )
-    return fields[str(name)]
+    return fields[str(field)]
 
 
-def _get_matrix_column(matrix: "np.ndarray[Any, Any]", index: str | int) -> ArrayLike:
+def _get_matrix_column(matrix: "np.ndarray[Any, Any]", column: str | int) -> ArrayLike:
     """Return a column of a matrix by its index from 0."""
     is_matrix = matrix.ndim == 2
-    if not isinstance(index, int) or not is_matrix or not 0 <= index < matrix.shape[1]:
+    if not isinstance(column, int) or not is_matrix or not 0 <= column < matrix.shape[1]:
         raise TraceError(
             FaultKind.UNKNOWN_CHANNEL,
-            f"no column {index!r} in a matrix of shape {matrix.shape}",
+            f"no column {column!r} in a matrix of shape {matrix.shape}",
         )
-    return np.asarray(matrix[:, index])
+    return np.asarray(matrix[:, column])
 
 
 def list_mat_variables(path: Path) -> Variables:

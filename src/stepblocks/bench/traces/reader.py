@@ -87,7 +87,7 @@ class TraceReader(ABC, Generic[File, Group]):
         """Find the columns of one trial."""
 
     @abstractmethod
-    def read_column(self, group: Group, name: str | int) -> ArrayLike:
+    def read_column(self, group: Group, column: str | int) -> ArrayLike:
         """Read one column by its name, or by its index from 0, in the units of the file."""
 
     def list_notes(self, group: Group, names: Sequence[str | int]) -> list[str]:

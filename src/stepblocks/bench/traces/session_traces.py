@@ -257,17 +257,19 @@ def _refuse_contradicting_intervals(increments: Array, declared_rate: float) -> 
         )
 
 
-def _subtract_channel_tare(values: Array, channel: Channel, name: str, rate: float) -> Array:
+def _subtract_channel_tare(
+    forces: Array, channel: Channel, channel_name: str, rate: float
+) -> Array:
     """Return a channel less the mean of what the record begins with, where that is its zero."""
-    count = round(channel.parse_tare_duration(name) * rate)
-    if count >= max(values.size, 1):
+    count = round(channel.parse_tare_duration(channel_name) * rate)
+    if count >= max(forces.size, 1):
         raise TraceError(
             FaultKind.TRUNCATED,
-            f"the tare of {name} takes {count} samples, the record has {values.size}",
+            f"the tare of {channel_name} takes {count} samples, the record has {forces.size}",
         )
     if count == 0:
-        return values
-    tared: Array = values - values[:count].mean()
+        return forces
+    tared: Array = forces - forces[:count].mean()
     return tared
 
 

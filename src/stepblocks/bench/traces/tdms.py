@@ -49,15 +49,15 @@ class TdmsReader(TraceReader["TdmsFile", "TdmsGroup"]):
                 return file[name]
         raise TraceError(FaultKind.MISSING, f"no group {place.groups[0]!r} among the traces")
 
-    def read_column(self, group: "TdmsGroup", name: str | int) -> ArrayLike:
+    def read_column(self, group: "TdmsGroup", column: str | int) -> ArrayLike:
         """Read one channel."""
-        channel = _get_tdms_channel(group, name)
-        refuse_oversized_channel(len(channel), name)
+        channel = _get_tdms_channel(group, column)
+        refuse_oversized_channel(len(channel), column)
         try:
             return np.asarray(channel[:])
         except (OSError, ValueError, EOFError) as error:
             reason = str(error)[:_LONGEST_REASON]
-            raise TraceError(FaultKind.UNREADABLE, f"channel {name!r}: {reason}") from error
+            raise TraceError(FaultKind.UNREADABLE, f"channel {column!r}: {reason}") from error
 
     def read_attributes(self, group: "TdmsGroup", names: Sequence[str | int]) -> dict[str, object]:
         """Return the properties of a trial and of the channels that are named."""
@@ -69,15 +69,15 @@ class TdmsReader(TraceReader["TdmsFile", "TdmsGroup"]):
         return properties
 
 
-def _get_tdms_channel(group: "TdmsGroup", name: str | int) -> "TdmsChannel":
+def _get_tdms_channel(group: "TdmsGroup", channel: str | int) -> "TdmsChannel":
     """Return the channel of a group by its name or index."""
     try:
-        if isinstance(name, int):
-            return group.channels()[name]
-        return group[name]
+        if isinstance(channel, int):
+            return group.channels()[channel]
+        return group[channel]
     except (KeyError, IndexError):
         known = format_first_eight_names(channel.name for channel in group.channels())
         raise TraceError(
             FaultKind.UNKNOWN_CHANNEL,
-            f"no {name!r} in group {group.name!r}, it has {known}",
+            f"no {channel!r} in group {group.name!r}, it has {known}",
         ) from None

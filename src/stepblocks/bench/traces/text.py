@@ -34,22 +34,22 @@ class TextReader(TraceReader[TextTable, TextTable]):
         """Return the file itself."""
         return file
 
-    def read_column(self, group: TextTable, name: str | int) -> ArrayLike:
+    def read_column(self, group: TextTable, column: str | int) -> ArrayLike:
         """Return one column of numbers, NaN for a missing sample."""
         file = Path(group.file).name
-        index = _find_column_index(group, name)
+        index = _find_column_index(group, column)
         if index is None:
             names = group.names or tuple(map(str, range(group.column_count)))
             raise TraceError(
                 FaultKind.UNKNOWN_CHANNEL,
-                f"{file} has no {name!r}, it has {format_first_eight_names(names)}",
+                f"{file} has no {column!r}, it has {format_first_eight_names(names)}",
             )
         try:
             return group.read_numbers(index).values
         except CellError as error:
             place = group.name_place_of_row(error.row, index)
             raise TraceError(
-                FaultKind.WITHOUT_HEADING, f"channel {name!r} {error} [{file}, {place}]"
+                FaultKind.WITHOUT_HEADING, f"channel {column!r} {error} [{file}, {place}]"
             ) from error
 
     def list_notes(self, group: TextTable, names: Sequence[str | int]) -> list[str]:
@@ -64,10 +64,10 @@ class TextReader(TraceReader[TextTable, TextTable]):
         return notes
 
 
-def _find_column_index(table: TextTable, name: str | int) -> int | None:
+def _find_column_index(table: TextTable, column: str | int) -> int | None:
     """Return the index of a column, from 0; None where the table has no such column."""
-    if isinstance(name, int):
-        return name if 0 <= name < table.column_count else None
-    if name not in table.names:
+    if isinstance(column, int):
+        return column if 0 <= column < table.column_count else None
+    if column not in table.names:
         return None
-    return table.names.index(name)
+    return table.names.index(column)

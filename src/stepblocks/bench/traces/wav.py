@@ -61,14 +61,14 @@ class WavReader(TraceReader[Sound, Sound]):
             )
         return file
 
-    def read_column(self, group: Sound, name: str | int) -> ArrayLike:
+    def read_column(self, group: Sound, column: str | int) -> ArrayLike:
         """Read one channel as shares of full scale."""
         count = group.samples.shape[1]
-        number = str(name)
+        number = str(column)
         if not number.isdecimal() or int(number) >= count:
             raise TraceError(
                 FaultKind.UNKNOWN_CHANNEL,
-                f"no channel {name!r} in the WAV file, it has {count} of {group.samples.dtype}, "
+                f"no channel {column!r} in the WAV file, it has {count} of {group.samples.dtype}, "
                 "counted from 0",
             )
         return _convert_to_full_scale_shares(group.samples[:, int(number)])

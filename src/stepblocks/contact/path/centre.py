@@ -152,7 +152,7 @@ def _is_usable_profile(corners: Array) -> bool:
 def build_envelope_path(discs: list[Disc], lines: list[Line], ball_radius: float) -> CentrePath:
     """Upper envelope of circles grown by the ball and of lines lifted by it."""
     start, end = lines[0].start[0], lines[-1].end[0]
-    shapes = _Shapes(discs, lines, ball_radius)
+    shapes = _GrownShapes(discs, lines, ball_radius)
     places = np.concatenate([[start, end], shapes.compute_knot_positions()])
     knots = np.unique(np.clip(places, start, end))
     for _ in range(_PASSES):
@@ -172,7 +172,7 @@ def _compute_middles(knots: Array) -> Array:
     return np.asarray(0.5 * (knots[1:] + knots[:-1]))
 
 
-def _add_crossing_knots(shapes: "_Shapes", knots: Array) -> Array:
+def _add_crossing_knots(shapes: "_GrownShapes", knots: Array) -> Array:
     """Add the crossings between neighbouring pieces whose highest shapes differ."""
     middle = _compute_middles(knots)
     top = shapes.find_highest_shapes(middle)
@@ -187,8 +187,8 @@ def _add_crossing_knots(shapes: "_Shapes", knots: Array) -> Array:
     return np.asarray(merged[is_apart])
 
 
-class _Row(NamedTuple):
-    """A circle or a line as one row of `_Shapes`."""
+class _ShapeRow(NamedTuple):
+    """A circle or a line as one row of `_GrownShapes`."""
 
     x: float  # of the middle, or of the first point [m]
     z: float  # of the same [m]
@@ -198,7 +198,7 @@ class _Row(NamedTuple):
     end: float  # to where [m]
 
 
-class _Shapes:
+class _GrownShapes:
     """Circles, then lines, as arrays of shape (n,)."""
 
     def __init__(self, discs: list[Disc], lines: list[Line], ball_radius: float) -> None:
@@ -277,15 +277,15 @@ class _Shapes:
         return np.asarray(np.where(is_circle, on_circle, self.slope[shape_indices]))
 
 
-def _grow_disc_by_ball(disc: Disc, ball_radius: float) -> _Row:
+def _grow_disc_by_ball(disc: Disc, ball_radius: float) -> _ShapeRow:
     """Grow a disc by the ball."""
     radius = disc.radius + ball_radius
     begin = disc.x - disc.radius - ball_radius
     end = disc.x + disc.radius + ball_radius
-    return _Row(disc.x, disc.z, radius, slope=0.0, begin=begin, end=end)
+    return _ShapeRow(disc.x, disc.z, radius, slope=0.0, begin=begin, end=end)
 
 
-def _lift_line_by_ball(line: Line, ball_radius: float) -> _Row:
+def _lift_line_by_ball(line: Line, ball_radius: float) -> _ShapeRow:
     """Lift a line by the ball along its normal."""
     (x0, z0), (x1, z1) = line
     slope = (z1 - z0) / (x1 - x0)
@@ -293,4 +293,4 @@ def _lift_line_by_ball(line: Line, ball_radius: float) -> _Row:
     shift = -ball_radius * slope / length
     lift = ball_radius / length
     begin, end = x0 + shift, x1 + shift
-    return _Row(begin, z0 + lift, radius=0.0, slope=slope, begin=begin, end=end)
+    return _ShapeRow(begin, z0 + lift, radius=0.0, slope=slope, begin=begin, end=end)

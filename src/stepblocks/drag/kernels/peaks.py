@@ -47,11 +47,11 @@ def find_prominent_peaks(values: Array, least_prominence: float) -> NDArray[np.i
 
 
 @njit(cache=True)
-def _find_lowest_before_higher(values: Array, peak: int, step: int) -> float:
+def _find_lowest_before_higher(values: Array, peak: int, index_step: int) -> float:
     """Find the lowest value from a peak on, by steps of 1 or -1, before anything higher."""
     ground = values[peak]
     place = peak
     while 0 <= place < values.size and values[place] <= values[peak]:
         ground = min(ground, values[place])
-        place += step
+        place += index_step
     return float(ground)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stepblocks.contact.laws import build_laws
+from stepblocks.contact.laws import build_declared_laws
 from stepblocks.contact.operating_point import PAPER, Tool
 from stepblocks.contact.uncertainty import convert_half_widths_to_stds
 from stepblocks.declaration.read import load_set
@@ -200,7 +200,7 @@ class _PlanReader:
             taken = set(self.stimuli[0].values) | dimensions
         with collect_mistakes(self.mistakes, "[laws]"):
             sections = {kind: _get_section(self.laws, kind) for kind in self.laws}
-            build_laws(sections)
+            build_declared_laws(sections)
         # a law of friction gives the coefficient
         open_names = [name for name in names if name not in {*taken, *self.laws}]
         known = [*open_names]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from stepblocks.contact import Array, kernels
 from stepblocks.contact.counterface import Counterface, Margin, ProfiledMargin, Step
 from stepblocks.contact.energy import Release, Status, find_release
-from stepblocks.contact.laws import build_laws
+from stepblocks.contact.laws import build_declared_laws
 from stepblocks.contact.operating_point import Limits, OperatingPoint, Tissue, Tool
 from stepblocks.errors import ContactError
 from stepblocks.predict.predictions import drag_and_measure_ring
@@ -51,7 +51,7 @@ _SIGNED = ("horizontal_discrepancy", "vertical_discrepancy")
 def compute_sweep_table(plan: SweepPlan, row_numbers: range) -> pa.Table:
     """Compute rows; one outside the equations has its reason in ``problem``, and no figures."""
     inputs = sample_row_inputs(plan, row_numbers)
-    laws = build_laws(plan.laws)
+    laws = build_declared_laws(plan.laws)
     if "friction" in laws:
         law = laws["friction"]
         loads = inputs["normal_load"].tolist()

@@ -18,26 +18,26 @@ _LEAST_LOAD = 1e-3  # where a fit strays [N]
 
 
 def _scale_conversion_by_speed(
-    state: DragState, _: object, values: Mapping[str, float]
+    state: DragState, _: object, law_values: Mapping[str, float]
 ) -> DragState:
     """Let the share of stored energy that becomes vibration follow a power of the speed."""
     ratio = state.speed / _SPEED
-    factor = ratio ** values["exponent"]
+    factor = ratio ** law_values["exponent"]
     return state.scaled(conversion=factor)
 
 
 def _scale_conversion_by_temperature(
-    state: DragState, celsius: Floats, values: Mapping[str, float]
+    state: DragState, celsius: Floats, law_values: Mapping[str, float]
 ) -> DragState:
     """Let the share of stored energy that becomes vibration follow the temperature [C]."""
     warmth = celsius - ROOM_TEMPERATURE
-    factor = np.exp(values["rate_per_k"] * warmth)
+    factor = np.exp(law_values["rate_per_k"] * warmth)
     return state.scaled(conversion=factor)
 
 
-def _apply_tip_inertia(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
+def _apply_tip_inertia(state: DragState, _: object, law_values: Mapping[str, float]) -> DragState:
     """Let the tip have a mass that is moved and lifted while the handle goes on."""
-    weight = values["weight"]
+    weight = law_values["weight"]
     if weight == 0.0:
         return state
     # compiled kernels, loaded where they are used
@@ -61,14 +61,16 @@ def _apply_tip_inertia(state: DragState, _: object, values: Mapping[str, float])
     return state.shifted(climb_load=added).scaled(conversion=factor)
 
 
-def _lose_energy_to_tip_work(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
+def _lose_energy_to_tip_work(
+    state: DragState, _: object, law_values: Mapping[str, float]
+) -> DragState:
     """Take a share of the work of lifting the tip and rubbing over the step from the ring."""
     to_diameter = 2.0 * state.radius - state.height
     square = state.height * to_diameter
     reach = np.sqrt(np.maximum(square, 0.0))
     rubbing = state.friction * reach
     work = state.load * (state.height + rubbing)
-    lost = values["share"] * work
+    lost = law_values["share"] * work
     return state.shifted(lost_energy=lost)
 
 

@@ -25,87 +25,91 @@ _RATIO_UNIT = 1e-3  # of the column of speed over load, mm/(N s) [m/(N s)]
 
 
 def _reduce_friction_with_load(
-    state: DragState, _: object, values: Mapping[str, float]
+    state: DragState, _: object, law_values: Mapping[str, float]
 ) -> DragState:
     """Let friction follow a power of the load."""
     ratio = state.load / _LOAD
-    factor = ratio ** -values["exponent"]
+    factor = ratio ** -law_values["exponent"]
     return state.scaled(friction=factor)
 
 
-def _add_adhesion_friction(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
+def _add_adhesion_friction(
+    state: DragState, _: object, law_values: Mapping[str, float]
+) -> DragState:
     """Let adhesion press the tip on: it adds a friction force that does not depend on the load."""
     load = np.maximum(state.load, _LEAST_LOAD)
-    added = values["adhesion_n"] / load
+    added = law_values["adhesion_n"] / load
     return state.shifted(friction=added)
 
 
-def _scale_friction_on_edge(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
+def _scale_friction_on_edge(
+    state: DragState, _: object, law_values: Mapping[str, float]
+) -> DragState:
     """Let friction on the edge differ by a factor from that on the faces."""
-    return state.scaled(edge_factor=values["edge_over_face"])
+    return state.scaled(edge_factor=law_values["edge_over_face"])
 
 
 def _reduce_friction_with_speed(
-    state: DragState, _: object, values: Mapping[str, float]
+    state: DragState, _: object, law_values: Mapping[str, float]
 ) -> DragState:
     """Let friction fall from rest to sliding, after Stribeck."""
-    falling = np.exp(-state.speed / values["stribeck_speed_m_per_s"])
-    excess = values["excess"] * falling
+    falling = np.exp(-state.speed / law_values["stribeck_speed_m_per_s"])
+    excess = law_values["excess"] * falling
     factor = 1.0 + excess
     return state.scaled(friction=factor)
 
 
 def _scale_friction_by_log_speed(
-    state: DragState, _: object, values: Mapping[str, float]
+    state: DragState, _: object, law_values: Mapping[str, float]
 ) -> DragState:
     """Let friction follow the logarithm of the speed, as of dry contacts."""
     logarithm = np.log(state.speed / _SPEED)
-    change = values["slope"] * logarithm
+    change = law_values["slope"] * logarithm
     factor = np.maximum(1.0 + change, _LEAST_FACTOR)
     return state.scaled(friction=factor)
 
 
 def _reduce_friction_by_film(
-    state: DragState, ratio_mm_per_n_s: Floats, values: Mapping[str, float]
+    state: DragState, ratio_mm_per_n_s: Floats, law_values: Mapping[str, float]
 ) -> DragState:
     """Let a film that speed builds and load presses out carry the tip [ratio in mm/(N s)]."""
     speed_over_load = _RATIO_UNIT * ratio_mm_per_n_s
-    falling = np.exp(-speed_over_load / values["number"])
-    excess = values["excess"] * falling
+    falling = np.exp(-speed_over_load / law_values["number"])
+    excess = law_values["excess"] * falling
     factor = 1.0 + excess
     return state.scaled(friction=factor)
 
 
 def _scale_friction_by_speed_over_load(
-    state: DragState, ratio_mm_per_n_s: Floats, values: Mapping[str, float]
+    state: DragState, ratio_mm_per_n_s: Floats, law_values: Mapping[str, float]
 ) -> DragState:
     """Let friction follow a power of speed over load [ratio in mm/(N s)]."""
     to_reference = 0.1 * ratio_mm_per_n_s  # over 0.01 m/(N s)
-    factor = to_reference ** -values["exponent"]
+    factor = to_reference ** -law_values["exponent"]
     return state.scaled(friction=factor)
 
 
 def _scale_friction_by_previous_load(
-    state: DragState, previous_load: Floats, values: Mapping[str, float]
+    state: DragState, previous_load: Floats, law_values: Mapping[str, float]
 ) -> DragState:
     """Let friction follow the load of the trial before [N]."""
     ratio = previous_load / _LOAD
-    factor = ratio ** values["exponent"]
+    factor = ratio ** law_values["exponent"]
     return state.scaled(friction=factor)
 
 
 def _let_friction_settle(
-    state: DragState, run_order: Floats, values: Mapping[str, float]
+    state: DragState, run_order: Floats, law_values: Mapping[str, float]
 ) -> DragState:
     """Let friction begin with an excess that decays over a number of trials."""
-    fading = np.exp(-run_order / values["settling_trials"])
-    excess = values["excess"] * fading
+    fading = np.exp(-run_order / law_values["settling_trials"])
+    excess = law_values["excess"] * fading
     factor = np.maximum(1.0 + excess, _LEAST_FACTOR)
     return state.scaled(friction=factor)
 
 
 def _make_settling_law(
-    name: str,
+    law_id: str,
     form: str,
     *,
     settling_trials: float,
@@ -131,7 +135,7 @@ def _make_settling_law(
         0.2 * settling_trials,
     )
     return _friction(
-        name,
+        law_id,
         form,
         (excess, duration),
         _let_friction_settle,

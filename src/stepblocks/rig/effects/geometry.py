@@ -13,64 +13,66 @@ _geometry = partial(Law, slot="contact_geometry")
 _HERTZ_POWER = 2.0 / 3.0  # of the load, which the depth of a ball on an edge follows
 
 
-def _add_edge_radius(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
+def _add_edge_radius(state: DragState, _: object, law_values: Mapping[str, float]) -> DragState:
     """Round every edge by a radius."""
-    return state.shifted(radius=values["edge_radius_m"])
+    return state.shifted(radius=law_values["edge_radius_m"])
 
 
-def _add_tip_wear(state: DragState, run_order: Floats, values: Mapping[str, float]) -> DragState:
+def _add_tip_wear(
+    state: DragState, run_order: Floats, law_values: Mapping[str, float]
+) -> DragState:
     """Let the radius of the tip grow with every trial."""
-    growth = values["growth_m_per_trial"] * run_order
+    growth = law_values["growth_m_per_trial"] * run_order
     return state.shifted(radius=growth)
 
 
 def _add_edge_wear(
-    state: DragState, passes_of_block: Floats, values: Mapping[str, float]
+    state: DragState, passes_of_block: Floats, law_values: Mapping[str, float]
 ) -> DragState:
     """Let the radius of an edge grow with every pass over its block."""
-    growth = values["growth_m_per_pass"] * passes_of_block
+    growth = law_values["growth_m_per_pass"] * passes_of_block
     return state.shifted(radius=growth)
 
 
-def _change_tip_radius(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
+def _change_tip_radius(state: DragState, _: object, law_values: Mapping[str, float]) -> DragState:
     """Let the tip have another radius than stated."""
-    return state.shifted(radius=values["radius_error_m"])
+    return state.shifted(radius=law_values["radius_error_m"])
 
 
-def _add_tip_flat(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
+def _add_tip_flat(state: DragState, _: object, law_values: Mapping[str, float]) -> DragState:
     """Let the ball ride lower by the depth of a flat: every step stands higher by it."""
-    return state.shifted(height=values["flat_depth_m"])
+    return state.shifted(height=law_values["flat_depth_m"])
 
 
-def _tilt_blocks(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
+def _tilt_blocks(state: DragState, _: object, law_values: Mapping[str, float]) -> DragState:
     """Tilt the blocks along the drag."""
-    return state.shifted(tilt=values["tilt_rad"])
+    return state.shifted(tilt=law_values["tilt_rad"])
 
 
 def _indent_contact(
-    power: float, state: DragState, _: object, values: Mapping[str, float]
+    power: float, state: DragState, _: object, law_values: Mapping[str, float]
 ) -> DragState:
     """Let the contact give way by a power of the load."""
-    return indent_contact(state, values["depth_at_1n_m"], power)
+    return indent_contact(state, law_values["depth_at_1n_m"], power)
 
 
 def _change_block_height(
-    block: str, state: DragState, blocks: Labels, values: Mapping[str, float]
+    block: str, state: DragState, blocks: Labels, law_values: Mapping[str, float]
 ) -> DragState:
     """Let one block have another height than stated."""
     is_block = blocks == block
-    error = values["height_error_m"] * is_block
+    error = law_values["height_error_m"] * is_block
     return state.shifted(height=error)
 
 
 def _exchange_block_heights(
-    first: str, second: str, state: DragState, blocks: Labels, values: Mapping[str, float]
+    first: str, second: str, state: DragState, blocks: Labels, law_values: Mapping[str, float]
 ) -> DragState:
     """Add the difference of two blocks to the height of the first, and take it from the second."""
     is_first = (blocks == first).astype(np.float64)
     is_second = blocks == second
     direction = is_first - is_second
-    difference = values["difference_m"] * direction
+    difference = law_values["difference_m"] * direction
     return state.shifted(height=difference)
 
 

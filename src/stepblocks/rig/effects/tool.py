@@ -40,70 +40,76 @@ _COEFFICIENT = (Parameter("coefficient_n_s_per_m", "N s/m", 0.0, 0.0, 100.0, 0.5
 _LEAST_STIFFNESS = 0.1  # of the nominal, where a fit strays [1]
 
 
-def _harden_spring(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
+def _harden_spring(state: DragState, _: object, law_values: Mapping[str, float]) -> DragState:
     """Let the spring harden, after Duffing."""
-    return state.shifted(hardening=values["cubic_per_n2"], pitch_share=values["pitch_share"])
+    return state.shifted(
+        hardening=law_values["cubic_per_n2"], pitch_share=law_values["pitch_share"]
+    )
 
 
-def _compute_softening_factor(celsius: Floats, values: Mapping[str, float]) -> Floats:
+def _compute_softening_factor(celsius: Floats, law_values: Mapping[str, float]) -> Floats:
     """Stiffness of a warm spring over that at room temperature [1]."""
     warmth = celsius - ROOM_TEMPERATURE
-    share = 1.0 - values["softening_per_k"] * warmth
+    share = 1.0 - law_values["softening_per_k"] * warmth
     return np.asarray(np.maximum(share, _LEAST_STIFFNESS))
 
 
 def _soften_spring_and_pitch(
-    state: DragState, celsius: Floats, values: Mapping[str, float]
+    state: DragState, celsius: Floats, law_values: Mapping[str, float]
 ) -> DragState:
     """Let the spring soften as it warms, and its rate of decay with a power of its stiffness."""
-    factor = _compute_softening_factor(celsius, values)
-    damping_factor = factor ** values["damping_power"]
+    factor = _compute_softening_factor(celsius, law_values)
+    damping_factor = factor ** law_values["damping_power"]
     return state.scaled(stiffness=factor, ring_stiffness=factor, damping=damping_factor)
 
 
 def _soften_spring_without_pitch(
-    state: DragState, celsius: Floats, values: Mapping[str, float]
+    state: DragState, celsius: Floats, law_values: Mapping[str, float]
 ) -> DragState:
     """Let the spring soften as it warms, though its pitch does not."""
-    factor = _compute_softening_factor(celsius, values)
+    factor = _compute_softening_factor(celsius, law_values)
     return state.scaled(stiffness=factor, conversion=factor)
 
 
-def _add_load_seen_by_gauge(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
+def _add_load_seen_by_gauge(
+    state: DragState, _: object, law_values: Mapping[str, float]
+) -> DragState:
     """Add a load that the normal gauge sees."""
-    bias = values["load_bias_n"]
+    bias = law_values["load_bias_n"]
     return state.shifted(load=bias, sensed_offset=bias)
 
 
-def _add_unseen_load(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
+def _add_unseen_load(state: DragState, _: object, law_values: Mapping[str, float]) -> DragState:
     """Add a load that no gauge sees."""
-    return state.shifted(load=values["load_bias_n"])
+    return state.shifted(load=law_values["load_bias_n"])
 
 
 def _add_proportional_pivot_friction(
-    state: DragState, _: object, values: Mapping[str, float]
+    state: DragState, _: object, law_values: Mapping[str, float]
 ) -> DragState:
     """Let a pivot rub by a share of the load while the tip is lifted."""
-    rubbed = values["pivot_share"] * state.set_load
+    rubbed = law_values["pivot_share"] * state.set_load
     return state.shifted(climb_load=rubbed)
 
 
 def _add_constant_pivot_friction(
-    state: DragState, _: object, values: Mapping[str, float]
+    state: DragState, _: object, law_values: Mapping[str, float]
 ) -> DragState:
     """Let a pivot rub by a constant force while the tip is lifted."""
-    return state.shifted(climb_load=values["pivot_force_n"])
+    return state.shifted(climb_load=law_values["pivot_force_n"])
 
 
-def _add_viscous_drag(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
+def _add_viscous_drag(state: DragState, _: object, law_values: Mapping[str, float]) -> DragState:
     """Let a viscous drag act at any time."""
-    viscous = values["coefficient_n_s_per_m"] * state.speed
+    viscous = law_values["coefficient_n_s_per_m"] * state.speed
     return state.shifted(drag=viscous)
 
 
-def _add_viscous_climb_drag(state: DragState, _: object, values: Mapping[str, float]) -> DragState:
+def _add_viscous_climb_drag(
+    state: DragState, _: object, law_values: Mapping[str, float]
+) -> DragState:
     """Let a viscous drag act while the tip climbs."""
-    viscous = values["coefficient_n_s_per_m"] * state.speed
+    viscous = law_values["coefficient_n_s_per_m"] * state.speed
     return state.shifted(climb_drag=viscous)
 
 

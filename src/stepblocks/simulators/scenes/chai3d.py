@@ -32,7 +32,7 @@ def _write_set(folder: Path, scenes: Sequence[Scene], name: str) -> None:
     _write_program(folder, folder.parent.name, files)
 
 
-def _write_program(folder: Path, name: str, scenes: Mapping[str, Scene]) -> None:
+def _write_program(folder: Path, program_name: str, scenes: Mapping[str, Scene]) -> None:
     """Write a program that takes a device, or drags by a virtual hand; scenes by their meshes."""
     blocks = []
     for file, scene in scenes.items():
@@ -45,7 +45,9 @@ def _write_program(folder: Path, name: str, scenes: Mapping[str, Scene]) -> None
             }
         )
     for file in ("CMakeLists.txt", "ReleaseRing.h", "SessionLog.h", "StepBlock.h", "blocks.cpp"):
-        write_from_template(folder / file, name=name, blocks=blocks, lean=_compute_pull_ratio)
+        write_from_template(
+            folder / file, name=program_name, blocks=blocks, lean=_compute_pull_ratio
+        )
 
 
 def _compute_pull_ratio(event: VibrationEvent, point: OperatingPoint) -> float:

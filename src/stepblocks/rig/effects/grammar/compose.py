@@ -48,7 +48,7 @@ def _make_added_load_law(covariate: CovariateRange) -> Law:
         names.append(name)
         parameters.append(Parameter(name, "N", 0.0, -0.3, 0.6, 0.01))
 
-    def add(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
+    def compute_added_load(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
         """Return the load that each label adds [N], shape (n,)."""
         labels = np.asarray(column)
         added = np.zeros(len(labels))
@@ -60,7 +60,7 @@ def _make_added_load_law(covariate: CovariateRange) -> Law:
         f"added_load_{covariate.name}",
         f"F_py + b, by {covariate.name}",
         tuple(parameters),
-        SizedChange(make_shift_change("load", "sensed_offset", unit=1.0), add),
+        SizedChange(make_shift_change("load", "sensed_offset", unit=1.0), compute_added_load),
         "normal_load",
         covariate.name,
         description=f"the load differs from the weights by {covariate.name}:",

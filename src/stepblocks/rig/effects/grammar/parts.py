@@ -10,8 +10,8 @@ from stepblocks.quantities import format_column_label
 from stepblocks.rig.effects.grammar.covariates import RUN, CovariateRange
 from stepblocks.rig.state import Floats
 
-Size = Callable[[NDArray[np.generic], Mapping[str, float]], Floats]
-Names = tuple[str, ...]
+SizeFunction = Callable[[NDArray[np.generic], Mapping[str, float]], Floats]
+ParameterNames = tuple[str, ...]
 
 STEP_SHAPES = 12  # places along a covariate at which a search looks for a sudden change
 
@@ -21,12 +21,12 @@ def make_amplitude(name: str) -> Parameter:
     return Parameter(name, "1", 0.0, -3.0, 3.0, 0.1)
 
 
-def make_amplitudes(parameter_names: Names) -> tuple[Parameter, ...]:
+def make_amplitudes(parameter_names: ParameterNames) -> tuple[Parameter, ...]:
     """Make the amplitudes of a shape of several columns or labels."""
     return tuple(map(make_amplitude, parameter_names))
 
 
-def select_parameter_values(values: Mapping[str, float], parameter_names: Names) -> Floats:
+def select_parameter_values(values: Mapping[str, float], parameter_names: ParameterNames) -> Floats:
     """Return the values of some parameters, shape (len(names),)."""
     return np.array([values[name] for name in parameter_names])
 
@@ -37,8 +37,8 @@ def convert_to_floats(column: NDArray[np.generic]) -> Floats:
 
 
 def make_size_from_columns(
-    build_columns: Callable[[NDArray[np.generic]], Floats], amplitude_names: Names
-) -> Size:
+    build_columns: Callable[[NDArray[np.generic]], Floats], amplitude_names: ParameterNames
+) -> SizeFunction:
     """Make the size of a change that is a sum of columns, each times its amplitude.
 
     A fit asks for the same column hundreds of times; the reference that is kept makes its identity
@@ -47,14 +47,14 @@ def make_size_from_columns(
     last_column: NDArray[np.generic] | None = None
     columns: Floats = np.empty(0)
 
-    def follow(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
+    def sum_weighted_columns(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
         """Return the sum of the columns, each times its amplitude, shape (n,)."""
         nonlocal last_column, columns
         if last_column is not column:
             last_column, columns = column, build_columns(column)
         return np.asarray(columns @ select_parameter_values(values, amplitude_names))
 
-    return follow
+    return sum_weighted_columns
 
 
 def can_locate_change(covariate: CovariateRange) -> bool:

@@ -11,13 +11,15 @@ import numpy as np
 from stepblocks.rig.forward import SPEED_OVER_LOAD
 from stepblocks.rig.state import DragState, Floats
 
-Change = Callable[[DragState, Floats], DragState]
+StateChange = Callable[[DragState, Floats], DragState]
 
 
-def _make_scaling_change(size_bounds: tuple[float, float] | None = None, **powers: float) -> Change:
+def _make_scaling_change(
+    size_bounds: tuple[float, float] | None = None, **powers: float
+) -> StateChange:
     """Make a change that multiplies each slot by a power of exp g, with g held in bounds."""
 
-    def scale(state: DragState, g: Floats) -> DragState:
+    def scale_slots(state: DragState, g: Floats) -> DragState:
         """Return the state with each slot multiplied by its power of exp g."""
         held = g
         if size_bounds is not None:
@@ -27,20 +29,20 @@ def _make_scaling_change(size_bounds: tuple[float, float] | None = None, **power
             slots[slot] = getattr(state, slot) * np.exp(power * held)
         return state.changed(**slots)
 
-    return scale
+    return scale_slots
 
 
-def make_shift_change(*slots: str, unit: float = 0.1) -> Change:
+def make_shift_change(*slots: str, unit: float = 0.1) -> StateChange:
     """Make a change that adds g times `unit` to each slot."""
 
-    def shift(state: DragState, g: Floats) -> DragState:
+    def shift_slots(state: DragState, g: Floats) -> DragState:
         """Return the state with `by` times g added to each slot."""
         shifted = {}
         for slot in slots:
             shifted[slot] = getattr(state, slot) + unit * g
         return state.changed(**shifted)
 
-    return shift
+    return shift_slots
 
 
 def _scale_load_seen_by_gauge(state: DragState, log_factor: Floats) -> DragState:
@@ -74,7 +76,7 @@ class Move(NamedTuple):
 
     slot: str
     form: str
-    change: Change
+    change: StateChange
     words: str
 
 

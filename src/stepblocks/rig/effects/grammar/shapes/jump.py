@@ -10,8 +10,8 @@ from stepblocks.lawsearch.law import Law, Parameter, SizedChange
 from stepblocks.rig.effects.grammar.covariates import RUN, CovariateRange
 from stepblocks.rig.effects.grammar.parts import (
     STEP_SHAPES,
-    Names,
-    Size,
+    ParameterNames,
+    SizeFunction,
     can_locate_change,
     convert_to_floats,
     select_parameter_values,
@@ -45,8 +45,8 @@ def list_jump_laws(slot: str, covariate: CovariateRange) -> list[Law]:
 
 
 def make_step_size_function(
-    covariate: CovariateRange, level_names: Names, place_names: Names
-) -> Size:
+    covariate: CovariateRange, level_names: ParameterNames, place_names: ParameterNames
+) -> SizeFunction:
     """Make the size of a change from level to level where a covariate passes the places.
 
     The names are those of the parameters; each size counts from the first level.
@@ -55,7 +55,7 @@ def make_step_size_function(
     """
     width = covariate.spacing
 
-    def step(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
+    def compute_levels(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
         """Return the level of each trial, shape (n,)."""
         numbers = convert_to_floats(column)
         past = numbers[:, None] - select_parameter_values(values, place_names)
@@ -65,7 +65,7 @@ def make_step_size_function(
         passed = way**2 * (3.0 - 2.0 * way)
         return np.asarray(passed @ rises)
 
-    return step
+    return compute_levels
 
 
 def make_jump_place_parameter(covariate: CovariateRange) -> Parameter:
@@ -79,7 +79,7 @@ def make_jump_place_parameter(covariate: CovariateRange) -> Parameter:
 
 
 def list_start_places(
-    covariate: CovariateRange, place_names: Names, range_shares: NDArray[np.float64]
+    covariate: CovariateRange, place_names: ParameterNames, range_shares: NDArray[np.float64]
 ) -> tuple[dict[str, float], ...]:
     """List the places at which a search begins, by shares of the range, shape (n, places)."""
     reach = covariate.high - covariate.low

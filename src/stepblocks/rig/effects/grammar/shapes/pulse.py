@@ -26,11 +26,13 @@ def list_pulse_laws(slot: str, covariate: CovariateRange) -> list[Law]:
     return [_make_pulse_law(slot, covariate)]
 
 
-def _make_pulse_end_parameter(name: str, covariate: CovariateRange, run_share: float) -> Parameter:
+def _make_pulse_end_parameter(
+    parameter_name: str, covariate: CovariateRange, run_share: float
+) -> Parameter:
     """Make the parameter of one end of a pulse; a fit starts it at a share of the run."""
     reach = covariate.high - covariate.low
     start = covariate.low + run_share * reach
-    return Parameter(name, "1", start, covariate.low, covariate.high, 0.02 * reach)
+    return Parameter(parameter_name, "1", start, covariate.low, covariate.high, 0.02 * reach)
 
 
 def _make_pulse_law(slot: str, covariate: CovariateRange) -> Law:
@@ -38,7 +40,7 @@ def _make_pulse_law(slot: str, covariate: CovariateRange) -> Law:
     move = SLOT_MOVES[slot]
     rise = make_step_size_function(covariate, ("step", "back"), (_FROM, _UNTIL))
 
-    def pulse(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
+    def compute_pulse_levels(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
         """Return the level of the pulse in each trial, shape (n,)."""
         return rise(column, {**values, "back": 0.0})
 
@@ -47,7 +49,7 @@ def _make_pulse_law(slot: str, covariate: CovariateRange) -> Law:
     end = _make_pulse_end_parameter(_UNTIL, covariate, 0.6)
     places = np.arange(0.5, _PLACES) / _PLACES
     stretches = np.array(list(combinations(places.tolist(), 2)))
-    change = SizedChange(move.change, pulse)
+    change = SizedChange(move.change, compute_pulse_levels)
     description = f"{move.words} changes for a stretch of the run: by {{}}, from trial {{}} to {{}}"
     return Law(
         f"step_{slot}_{covariate.name}~pulse",

@@ -32,14 +32,14 @@ def _make_reciprocal_law(slot: str, covariate: CovariateRange) -> Law:
     move = SLOT_MOVES[slot]
     middle = float(np.sqrt(covariate.low * covariate.high))
 
-    def invert(column: NDArray[np.generic]) -> Floats:
+    def compute_reciprocal(column: NDArray[np.generic]) -> Floats:
         """Return the reciprocal of the covariate, zero at the middle, shape (n, 1)."""
         numbers = convert_to_floats(column)
         inside = np.clip(numbers, covariate.low, covariate.high)
         excess = middle / inside - 1.0
         return excess[:, None]
 
-    change = SizedChange(move.change, make_size_from_columns(invert, ("share",)))
+    change = SizedChange(move.change, make_size_from_columns(compute_reciprocal, ("share",)))
     description = (
         f"{move.words} has a part that falls with the {format_covariate_name(covariate)} as "
         "its reciprocal: share"

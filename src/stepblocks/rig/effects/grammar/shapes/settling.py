@@ -33,7 +33,7 @@ def _make_settling_law(slot: str, covariate: CovariateRange) -> Law:
     move = SLOT_MOVES[slot]
     reach = covariate.high - covariate.low
 
-    def settle(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
+    def compute_settling_excess(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
         """Return the excess that is left in each trial, shape (n,)."""
         passed = convert_to_floats(column) - covariate.low
         fading = np.exp(-passed / values["settling_trials"])
@@ -48,7 +48,7 @@ def _make_settling_law(slot: str, covariate: CovariateRange) -> Law:
         scale=0.02 * reach,
     )
     shapes = tuple({duration.name: share * reach} for share in _SHARES)
-    change = SizedChange(move.change, settle)
+    change = SizedChange(move.change, compute_settling_excess)
     description = f"{move.words} settles along the run: excess at first {{}}, trials to settle {{}}"
     return Law(
         f"trend_{slot}_{covariate.name}~settling",

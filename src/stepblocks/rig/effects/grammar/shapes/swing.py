@@ -37,7 +37,7 @@ def _make_swing_law(slot: str, covariate: CovariateRange) -> Law:
     cosine = Parameter("cosine", "1", 0.0, -2.0, 2.0, 0.05)
     period = Parameter("period_trials", "1", 0.5 * reach, 0.8 * _SHORTEST_PERIOD, 0.75 * reach, 0.5)
 
-    def swing(order: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
+    def compute_swing(order: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
         """Return the deflection of the swing in each trial, shape (n,)."""
         phase = 2.0 * np.pi * convert_to_floats(order) / values["period_trials"]
         in_phase = values["cosine"] * np.cos(phase)
@@ -52,7 +52,7 @@ def _make_swing_law(slot: str, covariate: CovariateRange) -> Law:
     periods = 2.0 * reach / np.arange(3, last_turn + 1)
     shapes = tuple({period.name: duration} for duration in periods.tolist())
     sine = replace(cosine, name="sine")
-    change = SizedChange(move.change, swing)
+    change = SizedChange(move.change, compute_swing)
     return Law(
         f"periodic_{slot}_{covariate.name}",
         f"{move.form}, g = a cos(2 pi n / P) + b sin(2 pi n / P)",

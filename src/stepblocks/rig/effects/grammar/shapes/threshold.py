@@ -48,7 +48,9 @@ def _make_threshold_law(slot: str, covariate: CovariateRange) -> Law:
     move = SLOT_MOVES[slot]
     high = covariate.high
 
-    def rise(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
+    def compute_change_beyond_place(
+        column: NDArray[np.generic], values: Mapping[str, float]
+    ) -> Floats:
         """Return the change along the line in each trial, shape (n,)."""
         place = values["at"]
         numbers = convert_to_floats(column)
@@ -56,7 +58,7 @@ def _make_threshold_law(slot: str, covariate: CovariateRange) -> Law:
         risen = values["rise"] * beyond / (high - place)
         return np.asarray(risen)
 
-    change = SizedChange(move.change, rise)
+    change = SizedChange(move.change, compute_change_beyond_place)
     description = (
         f"{move.words} changes by {{}} up to the end of the range, "
         f"{_format_threshold_words(covariate)} {{}} on"
@@ -81,7 +83,9 @@ def _make_saturation_law(slot: str, covariate: CovariateRange) -> Law:
     move = SLOT_MOVES[slot]
     low = covariate.low
 
-    def rise(column: NDArray[np.generic], values: Mapping[str, float]) -> Floats:
+    def compute_change_up_to_place(
+        column: NDArray[np.generic], values: Mapping[str, float]
+    ) -> Floats:
         """Return the change along the line in each trial, shape (n,)."""
         place = values["at"]
         numbers = convert_to_floats(column)
@@ -89,7 +93,7 @@ def _make_saturation_law(slot: str, covariate: CovariateRange) -> Law:
         risen = values["rise"] * passed / (place - low)
         return np.asarray(risen)
 
-    change = SizedChange(move.change, rise)
+    change = SizedChange(move.change, compute_change_up_to_place)
     description = (
         f"{move.words} changes by {{}} until it stays, {_format_threshold_words(covariate)} {{}} on"
     )
