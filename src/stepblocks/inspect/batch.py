@@ -75,7 +75,7 @@ class MeasuredBatch:
 
 
 def compute_batch_capabilities(reports: Mapping[str, InspectionResult]) -> list[MeasuredBatch]:
-    """Find what the parts of a batch tell of each characteristic that several were judged by.
+    """Compute what the parts of a batch tell of each characteristic that several were judged by.
 
     Parameters
     ----------

@@ -213,7 +213,7 @@ class Measured:
         return _compute_effective_dof(self.components, self.std)
 
     def compute_expanded_uncertainty(self, level: float = 0.95) -> float:
-        """Half width of the two-sided interval at `level`, in the unit of the value."""
+        """Compute half the width of the two-sided interval at `level`, in the unit of the value."""
         return self._compute_error_quantile(0.5 + 0.5 * level)
 
     @property

@@ -94,7 +94,7 @@ class _Moments:
 
 
 def compute_edge_profile(position: Array, riser: float, height: float, radius: float) -> Array:
-    """Ideal edge: lower face at 0, riser, arc tangent to the upper face at `height`."""
+    """Compute an ideal edge: lower face at 0, riser, arc tangent to the upper face at `height`."""
     beyond = np.minimum(np.maximum(radius - (position - riser), 0.0), radius)
     arc = height - radius + np.sqrt(radius * radius - beyond * beyond)
     return np.where(position < riser, 0.0, np.maximum(arc, 0.0))

@@ -44,7 +44,7 @@ class _Zone:
 
 
 def compute_flatness(points: Array) -> float:
-    """Flatness of a face by minimum zone (ISO 1101) of its points [m], of shape (n, 3).
+    """Compute the flatness of a face by minimum zone (ISO 1101) of its points [m], of shape (n, 3).
 
     Points with a nan are left out.
     """
@@ -52,7 +52,7 @@ def compute_flatness(points: Array) -> float:
 
 
 def compute_parallelism(points: Array, datum: Array) -> float:
-    """Parallelism of a face to a datum [m], points of shape (n, 3).
+    """Compute the parallelism of a face to a datum [m], points of shape (n, 3).
 
     It is the width along the normal of the minimum zone of the datum.
     """

@@ -186,7 +186,7 @@ def measure_masked_step(
 
 
 def _compute_edge_distances(inside: Mask, scan: HeightMap) -> _EdgeDistances:
-    """Measure how far each point lies from the edges of the features `inside`."""
+    """Compute how far each point lies from the edges of the features `inside`."""
     pitch = (scan.dy, scan.dx)
     return _EdgeDistances(
         ndimage.distance_transform_edt(inside, sampling=pitch),

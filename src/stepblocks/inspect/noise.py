@@ -163,7 +163,7 @@ def _sum_lagged_products(pieces: Sequence[Array]) -> Array:
 
 
 def compute_estimator_covariance(weights: Array, gamma: Array) -> Array:
-    """Covariance of linear estimates ``weights @ z`` for noise of autocovariance `gamma`."""
+    """Compute the covariance of estimates ``weights @ z`` for noise of autocovariance `gamma`."""
     return np.asarray(
         weights @ matmul_toeplitz(pad_autocovariance(gamma, weights.shape[1]), weights.T)
     )

@@ -304,7 +304,7 @@ def get_pair_sort_key(pair: Pair) -> float:
 def _compute_distance_with_interval(
     low: float, high: float, discrimination: Discrimination, drawn_differences: Array
 ) -> JndDistance:
-    """Measure a distance with the interval of both stimuli over the draws in which both ring.
+    """Compute a distance with the interval of both stimuli over the draws in which both ring.
 
     `drawn_differences` are of ln E, about the middle of the zones of the tolerances; the interval
     lies about what is felt, which the drag may say.

@@ -286,7 +286,7 @@ def collect_standard_uncertainties(
 
 
 def _compute_stiffness_tolerance(stimuli: StimulusSet, part: Part) -> float:
-    """Find how far the tolerances of a sheath move the spring [N/m], summed in quadrature."""
+    """Compute how far the tolerances of a sheath move the spring [N/m], summed in quadrature."""
     if stimuli.probe is None or part.sleeve is None:
         return 0.0
     deviation = 0.0
@@ -304,12 +304,12 @@ def _compute_stiffness_tolerance(stimuli: StimulusSet, part: Part) -> float:
 
 
 def compute_zone_middle(dimension: Dimension) -> float:
-    """Find the middle of the zone of a tolerance."""
+    """Compute the middle of the zone of a tolerance."""
     return dimension.nominal + 0.5 * (dimension.upper + dimension.lower)
 
 
 def compute_zone_half_width(dimension: Dimension) -> float:
-    """Find half the width of the zone of a tolerance."""
+    """Compute half the width of the zone of a tolerance."""
     return 0.5 * (dimension.upper - dimension.lower)
 
 

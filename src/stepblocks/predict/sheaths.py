@@ -116,7 +116,7 @@ def _convert_sheath_to_support(sheath: Sheath, use: Use) -> Sleeve | Hold | None
 
 
 def compute_transmitted_energy_shares(set_path: str | Path) -> dict[str, float]:
-    """Find the share of the bare probe's energy that each sheath lets through to the clamp.
+    """Compute the share of the bare probe's energy that each sheath lets through to the clamp.
 
     The shares stand by the names of experiment 1.
     """

@@ -214,7 +214,7 @@ def _predict_sound_rows(columns: dict[str, Array]) -> dict[str, Array | NDArray[
 
 
 def _compute_interval_ends(columns: dict[str, Array], angle: Array) -> IntervalEnds:
-    """Find the ends of all intervals; both are the value itself where a row is known exactly."""
+    """Compute the ends of all intervals; both are the value itself where a row is known exactly."""
     inputs = {name: columns[name] for name in STEP_INPUTS}
     limit = PAPER.tool.limits.first.force
     force, energy = kernels.compute_release_force_and_energy(

@@ -96,7 +96,7 @@ class AsBuilt:
 def _compute_contact_height(
     measured_height: AsBuiltValue | None, burr: AsBuiltValue | None
 ) -> float | None:
-    """Add a burr that fails its limit to a height [m]; None without a height."""
+    """Compute a height [m] with a burr that fails its limit on it; None without a height."""
     if measured_height is None:
         return None
     if burr is None or burr.verdict != _FAILED:

@@ -374,7 +374,7 @@ def _wrap_paragraphs_to_page(paragraphs: Iterable[str]) -> list[str]:
 
 
 def _format_annex_lines(content: CertificateContent) -> list[str]:
-    """List what stands behind the results: their budgets, and what is not certified."""
+    """Write what stands behind the results: their budgets, and what is not certified."""
     lines = []
     if content.results:
         lines.append("uncertainty budgets, standard uncertainties")

@@ -38,7 +38,7 @@ class Columns:
 
 
 def choose_position_and_height_columns(table: NumberTable, channel: str | None) -> Columns:
-    """Find the columns of a profile or a map.
+    """Choose the columns of a profile or a map.
 
     Parameters
     ----------

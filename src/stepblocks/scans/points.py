@@ -168,7 +168,7 @@ def _count_columns_or_rows(x: Array, y: Array) -> tuple[int, int]:
 
 
 def _compute_step_scatter_and_median(positions: Array) -> tuple[float, float]:
-    """Measure the scatter of the steps between neighbours [1] and the median step [m]."""
+    """Compute the scatter of the steps between neighbours [1] and the median step [m]."""
     steps = np.abs(np.diff(positions))
     median = np.median(steps)
     scatter = np.median(np.abs(steps - median)) / max(median, _SMALLEST_STEP)

@@ -175,7 +175,7 @@ class _Axis:
         return self.unit.to_metres(self.stored)
 
     def compute_last_digit(self, least_decimals: int = 0) -> float:
-        """Measure the last digit that the numbers are printed with [m].
+        """Compute the last digit that the numbers are printed with [m].
 
         It is taken from the shortest decimals that give the numbers back.
         """

@@ -262,7 +262,7 @@ def _estimate_edge_slant(rows: list[ScannedProfile]) -> float:
 
 
 def _compute_median_slope(x: Array, y: Array) -> float:
-    """Find the median of the slopes between all pairs of points, shape (n,), as Theil and Sen do.
+    """Compute the median of slopes between all pairs of points, shape (n,), as Theil and Sen do.
 
     `scipy.stats` says the same, and takes as long to load as all the rest.
     """

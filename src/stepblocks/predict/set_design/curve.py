@@ -59,7 +59,7 @@ class EnergyCurve:
         return float(self._compute_energies(np.array([size]))[0])
 
     def compute_release(self, size: float) -> Release:
-        """Find status, force and energy at a size [m] by the equations."""
+        """Compute status, force and energy at a size [m] by the equations."""
         return self.block.make_face(size).release(self.point, self.backward)
 
     def find_sizes_for_energy(self, energy: float) -> tuple[float, ...]:

@@ -130,7 +130,7 @@ def _format_channel_name(channel: "ChannelInfo") -> str:
 def _choose_channel(
     channels: "list[ChannelInfo]", wanted_channel: str | None, place: str
 ) -> "ChannelInfo":
-    """Find the channel that is asked for, or the first of heights.
+    """Choose the channel that is asked for, or the first of heights.
 
     A channel is of heights where its unit is a length and its name does not deny it.
     """

@@ -193,14 +193,14 @@ def _refuse_untestable_factors(data: Table, factors_by_letter: dict[str, str]) -
     counts = data.groupby(list(factors_by_letter)).size()
     if len(counts) != cells:
         combination = " and ".join(factors_by_letter.values())
-        lacking = _name_empty_cell(data, list(factors_by_letter))
+        lacking = _format_first_empty_cell(data, list(factors_by_letter))
         raise StudyError(
             f"every combination of {combination} must have a judgement; {lacking} has none"
         )
 
 
-def _name_empty_cell(data: Table, factors: list[str]) -> str:
-    """Name the first combination of levels of factors, columns of `data`, without a judgement."""
+def _format_first_empty_cell(data: Table, factors: list[str]) -> str:
+    """Write the first combination of levels of factors, columns of `data`, without a judgement."""
     found = set(data[factors].itertuples(index=False, name=None))
     for cell in itertools.product(*(sorted(data[factor].unique()) for factor in factors)):
         if cell not in found:

@@ -162,7 +162,7 @@ def fit_ordinal_model(
 def _compute_hotelling_test(
     coefficients: Array, covariance: Array, participant_count: int
 ) -> ParticipantTest:
-    """Test by Hotelling's T squared whether all coefficients, shape (n,), are zero."""
+    """Compute Hotelling's test of whether all coefficients, shape (n,), are zero."""
     # as many independent values as participants estimate the covariance
     number = len(coefficients)
     statistic = (

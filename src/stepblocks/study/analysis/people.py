@@ -126,7 +126,7 @@ def _describe_distant_means(means: Mapping[str, float]) -> list[str]:
 
 @cache
 def compute_outlier_distance(participant_count: int) -> float:
-    """Find the distance from the median, in robust standard deviations, beyond chance.
+    """Compute the distance from the median, in robust standard deviations, beyond chance.
 
     In 98 of 100 studies of so many participants, whose levels are normal, the farthest lies nearer.
     The bound grows where they are few, for the median distance then is uncertain itself.

@@ -128,7 +128,7 @@ def _assess_sphericity(covariance: Array, dof: int) -> Sphericity:
 
 
 def _compute_mauchly_test(covariance: Array, dof: int) -> _Mauchly:
-    """Test whether a covariance, shape (q, q), is a multiple of the identity.
+    """Compute Mauchly's test of whether a covariance, shape (q, q), is a multiple of the identity.
 
     Mauchly, J. W. (1940), doi:10.1214/aoms/1177731915.
     """

@@ -66,7 +66,7 @@ def _analyse_estimates_and_ratings(frame: Table, margin: float) -> Analysis:
 
 def _fit_rating_models(frame: Table) -> dict[str, OrdinalFit]:
     """Return an ordinal model for each outcome of ratings."""
-    tests = _name_rating_tests(frame)
+    tests = _get_rating_test_names(frame)
     fits = {}
     for tested, outcome in tests.items():
         beside = [column for column in tests if column != tested]
@@ -74,8 +74,8 @@ def _fit_rating_models(frame: Table) -> dict[str, OrdinalFit]:
     return fits
 
 
-def _name_rating_tests(frame: Table) -> dict[str, str]:
-    """Name the test of each column.
+def _get_rating_test_names(frame: Table) -> dict[str, str]:
+    """Return the name of the test of each column.
 
     Of several factors each is tested beside the others, for there may be more cells than
     participants.
@@ -89,7 +89,7 @@ def _name_rating_tests(frame: Table) -> dict[str, str]:
 
 def _list_outcomes(frame: Table) -> list[str]:
     """Name the planned tests of estimates and ratings."""
-    return [*MEASURES, *_name_rating_tests(frame).values()]
+    return [*MEASURES, *_get_rating_test_names(frame).values()]
 
 
 VIRTUAL = Experiment(

@@ -121,7 +121,7 @@ def convert_records(table: TextTable, search: AnswerSearch) -> TextTable:
     columns = _collect_kept_columns(program, records, search)
     is_planned = _TRIAL in records.table.names
     if is_planned:
-        columns = _name_planned_columns(columns)
+        columns = _strip_planned_prefix(columns)
     elif "participant" not in search.columns.named:
         columns.update(_make_participant_column(program, records.table))
     if chosen and not search.columns.find_stated_name(_REACTION):
@@ -146,13 +146,13 @@ def convert_records(table: TextTable, search: AnswerSearch) -> TextTable:
     return replace(adopted, notes=tuple(notes))
 
 
-def _name_planned_columns(columns: Mapping[str, list[str]]) -> dict[str, list[str]]:
-    """Call the columns of planned trials as a run sheet does; `columns` are cells by name."""
+def _strip_planned_prefix(cells_by_column: Mapping[str, list[str]]) -> dict[str, list[str]]:
+    """Return columns of planned trials by their names in a run sheet, without our prefix."""
     named = {}
-    for name, cells in columns.items():
+    for name, cells in cells_by_column.items():
         if not name.startswith(PREFIX):
             named[name] = cells
-    for name, cells in columns.items():
+    for name, cells in cells_by_column.items():
         if name.startswith(PREFIX):
             named[name.removeprefix(PREFIX)] = cells
     named["trial"] = list(map(_format_whole_number, named["trial"]))
