@@ -454,7 +454,7 @@ def format_quantity(value: float, dimension: str, digits: int = 4) -> str:
     """
     _check_dimension(dimension)
     _check_digits(digits)
-    factor, symbol = _choose_display_unit(abs(value), dimension)
+    factor, symbol = _choose_display_unit_size_and_symbol(abs(value), dimension)
     return f"{value / factor:.{digits}g} {symbol}".strip()
 
 
@@ -590,14 +590,14 @@ def format_span(low: float, high: float, dimension: str) -> str:
     >>> format_span(18.5e-6, 2.08e-3, "energy")
     '18.5 µJ to 2.08 mJ'
     """
-    factor, symbol = _choose_display_unit(max(abs(low), abs(high)), dimension)
+    factor, symbol = _choose_display_unit_size_and_symbol(max(abs(low), abs(high)), dimension)
     if 0.0 < low < 0.1 * factor:
         return f"{format_span(low, low, dimension)} to {format_span(high, high, dimension)}"
     ends = dict.fromkeys((format_number(low / factor), format_number(high / factor)))
     return f"{' to '.join(ends)} {_SIGNS.get(symbol, symbol)}".strip()
 
 
-def _choose_display_unit(value: float, dimension: str) -> tuple[float, str]:
+def _choose_display_unit_size_and_symbol(value: float, dimension: str) -> tuple[float, str]:
     """Return the size in SI and the symbol of the unit in which people write a value."""
     if dimension not in _SCALES:
         return 1.0, DIMENSIONS[dimension]

@@ -116,7 +116,7 @@ def make_box(low: Point, high: Point) -> Body:
     return extrude([(x0, y0, z0), (x1, y0, z0), (x1, y1, z0), (x0, y1, z0)], (0.0, 0.0, z1 - z0))
 
 
-def find_end_faces(body: Body, axis: int) -> tuple[int, int]:
+def find_end_face_indices(body: Body, axis: int) -> tuple[int, int]:
     """Find the indices of the lowest and the highest plane face square to an axis."""
     positions: dict[int, float] = {}
     for index, face in enumerate(list_faces(body)):
@@ -197,9 +197,9 @@ def compute_volume(body: Body) -> float:
     return float(body.Volume()) / _MM**3
 
 
-def compute_common_volume(body: Body, obstacle: Body) -> float:
+def compute_common_volume(body: Body, other_body: Body) -> float:
     """Compute the volume that two bodies share [m^3]; it is 0 where they only touch."""
-    common = body.intersect(obstacle)
+    common = body.intersect(other_body)
     return math.fsum(float(solid.Volume()) for solid in common.Solids()) / _MM**3
 
 

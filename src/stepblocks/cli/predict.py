@@ -200,7 +200,7 @@ def _predict_sets(
     predictions = _list_predictions(predicted)
     notes = [*describe_predictions_beyond_limits(predictions), *describe_felt_model(predictions)]
     if perception:
-        notes += _write_pair_table(predicted, asked, perception)
+        notes += _write_pair_table_and_list_notes(predicted, asked, perception)
     if plots:
         notes += _write_plots(predicted, asked, plots)
     rings = _tabulate_rings([found.stimuli for found in predicted])
@@ -240,14 +240,14 @@ def _predict_as_declared(
 
 
 def _predict_as_built(
-    sets: "list[StimulusSet]", paths: list[Path], asked: _PredictionOptions
+    sets: "list[StimulusSet]", record_paths: list[Path], asked: _PredictionOptions
 ) -> "list[PredictedSet]":
     """Predict sets at their measured sizes, and say how the energies changed by that."""
     from stepblocks.predict import as_built
     from stepblocks.quantities import format_units
     from stepblocks.records.as_built import read_records_by_serial
 
-    groups = read_records_by_serial(paths)
+    groups = read_records_by_serial(record_paths)
     for stimuli in sets:
         for serial, records in groups.items():
             of_block = as_built.select_recorded_stimuli(stimuli, serial, records)
@@ -270,7 +270,7 @@ def _predict_as_built(
     return predicted
 
 
-def _write_pair_table(
+def _write_pair_table_and_list_notes(
     predicted: "list[PredictedSet]", asked: _PredictionOptions, path: Path
 ) -> list[str]:
     """Write how well each pair of stimuli is told apart; return what to say of it."""

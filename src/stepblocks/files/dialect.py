@@ -9,6 +9,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from stepblocks.files.missing import is_missing_word
 from stepblocks.files.numbers import NumberNotation, is_plain_number
@@ -124,7 +125,7 @@ def find_dialect(text: str, separator: str | None = None) -> Dialect:
         return Dialect(declared[1], quote)
     sample = "\n".join(lines)
     best = Dialect(quote=quote)
-    best_score = (0.0, 0.0, 0)
+    best_score = _UNRATED
     for candidate in _SEPARATORS:
         dialect = Dialect(candidate, quote)
         score = _rate_dialect(dialect, sample)
@@ -199,27 +200,35 @@ def find_quotation_mark(lines: Sequence[str]) -> str:
     return "'" if len(single) > len(lines) / 2 else '"'
 
 
-def _rate_dialect(dialect: Dialect, sample: str) -> tuple[float, float, int]:
-    """Rate a dialect: share of the rows that fit, share of the cells below that are numbers.
+class _DialectScore(NamedTuple):
+    """How well a dialect fits a sample; of two scores the larger one is the better."""
 
-    The third figure is the number of columns. Only a table of two columns or more is rated.
-    """
+    fitting_share: float  # of the rows that have as many cells as the first
+    number_share: float  # of the filled cells below it
+    column_count: int
+
+
+_UNRATED = _DialectScore(0.0, 0.0, 0)
+
+
+def _rate_dialect(dialect: Dialect, sample: str) -> _DialectScore:
+    """Rate how well a dialect fits a sample; only a table of two columns or more is rated."""
     try:
         records = [record for record in dialect.split_rows(sample) if not record.is_empty]
     except csv.Error:
         records = _split_without_last_lines(dialect, sample)
     if not records:
-        return 0.0, 0.0, 0
+        return _UNRATED
     widths = Counter(count_cells(record.cells) for record in records)
     columns = count_cells(records[0].cells)
     usual, _ = widths.most_common(1)[0]
     if columns < 2 and usual < 2:
-        return 0.0, 0.0, 0
+        return _UNRATED
     fitting = 0  # of a line of text above the table
     if columns >= 2:
         fitting = _count_fitting_rows(records, columns)
     below = records[1:] or records
-    return fitting / len(records), _compute_number_share(below), columns
+    return _DialectScore(fitting / len(records), _compute_number_share(below), columns)
 
 
 def _count_fitting_rows(records: Sequence[Record], column_count: int) -> int:

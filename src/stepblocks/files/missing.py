@@ -194,13 +194,15 @@ def replace_fill_values_by_nan(
     return FillFound(blanked, tuple(present), count=int(is_fill.sum()))
 
 
-def _choose_outlying_fills(rest: NDArray[np.float64], present: Sequence[float]) -> list[float]:
+def _choose_outlying_fills(
+    other_values: NDArray[np.float64], present_fills: Sequence[float]
+) -> list[float]:
     """Return the fill values that are far larger than all other numbers of their column."""
-    finite = np.abs(rest[np.isfinite(rest)])
+    finite = np.abs(other_values[np.isfinite(other_values)])
     if not finite.size:
         return []
     largest = float(finite.max())
-    return [fill for fill in present if abs(fill) > _STANDS_OUT * largest]
+    return [fill for fill in present_fills if abs(fill) > _STANDS_OUT * largest]
 
 
 def _mask_fill_values(values: NDArray[np.float64], fills: Sequence[float]) -> NDArray[np.bool_]:

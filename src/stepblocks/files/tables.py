@@ -85,13 +85,13 @@ class FileTable:
 
 
 def read_table(
-    path: Path, texts: Collection[str] = (), layout: TableLayout = UNDECLARED
+    path: Path, text_columns: Collection[str] = (), layout: TableLayout = UNDECLARED
 ) -> "pd.DataFrame":
     """Read a table with a header; what had to be found out about it is a `ReadingWarning`.
 
     See `load_table`.
     """
-    table = load_table(path, texts, layout)
+    table = load_table(path, text_columns, layout)
     warn_of_notes(table.notes, path)
     return table.frame
 
@@ -103,7 +103,7 @@ def warn_of_notes(notes: Iterable[str], place: object) -> None:
 
 
 def load_table(
-    path: Path, texts: Collection[str] = (), layout: TableLayout = UNDECLARED
+    path: Path, text_columns: Collection[str] = (), layout: TableLayout = UNDECLARED
 ) -> FileTable:
     """Read a table with a header.
 
@@ -111,7 +111,7 @@ def load_table(
     ----------
     path : Path
         CSV, TSV or a workbook of Excel or LibreOffice; see `read_text_table`.
-    texts : collection of str
+    text_columns : collection of str
         Columns that are texts, whatever they look like.
     layout : TableLayout
         What is declared of it.
@@ -130,7 +130,7 @@ def load_table(
     notes = list(source.notes)
     columns = {}
     for number, name in enumerate(source.names):
-        if name in texts or not source.holds_numbers(number):
+        if name in text_columns or not source.holds_numbers(number):
             columns[name] = _make_text_column(source.get_cells(number))
             continue
         numbers = source.require_numbers(number, PipelineError)

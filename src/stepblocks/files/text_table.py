@@ -47,8 +47,8 @@ __all__ = [
     "CellError",
     "TableShape",
     "TextTable",
-    "is_sheet",
     "is_table_name",
+    "is_workbook",
     "parse_text_table",
     "read_column_names",
     "read_text_table",
@@ -262,7 +262,7 @@ def read_text_table(
         size = measure_file_size(path)
         if size > most_bytes:
             raise raises(f"table must be smaller than {most_bytes} bytes, got {size} [{path}]")
-        if is_sheet(path):
+        if is_workbook(path):
             return build_text_table(read_sheet(path, raises), layout, str(path), raises, shape)
         raw = path.read_bytes()
     except OSError as error:
@@ -282,7 +282,7 @@ def is_table_name(path: Path) -> bool:
     return path.suffix.lower() in TABLE_ENDINGS
 
 
-def is_sheet(path: Path) -> bool:
+def is_workbook(path: Path) -> bool:
     """Tell whether a file is a workbook, by its name and its first bytes."""
     if path.suffix.lower() not in _SHEETS:
         return False
@@ -295,7 +295,7 @@ def read_column_names(path: Path) -> tuple[str, ...]:
     if not is_table_name(path) or not path.is_file():
         return ()
     try:
-        if is_sheet(path):
+        if is_workbook(path):
             return read_text_table(path).names
         with path.open("rb") as file:
             head = file.read(_HEAD_BYTES)

@@ -190,5 +190,7 @@ class BuildForm:
         """Show the archives of the order."""
         for archive in list_quotation_archives(self._folder, self._files):
             name = PurePosixPath(archive).name
-            link = ui.link(texts.DOWNLOAD.format(name=name), self._folder.make_link(archive))
+            link = ui.link(
+                texts.DOWNLOAD.format(name=name), self._folder.make_file_address(archive)
+            )
             link.props(f'download="{name}"')

@@ -39,7 +39,7 @@ from stepblocks.window.frame import (
     show_mistake,
 )
 from stepblocks.window.latest_work import LatestWork
-from stepblocks.window.left_drafts import LeftDrafts
+from stepblocks.window.left_drafts import UnsavedDrafts
 from stepblocks.window.model_choice import ModelChoice
 from stepblocks.window.size_slider import MOST_SLIDERS, Size, add_slider, list_slidable_sizes
 
@@ -53,7 +53,7 @@ _QUIET = 0.25  # parts are dragged in time, and built, when nothing has changed 
 class DeclarePage:
     """The page on which stimulus files of a folder are written and changed."""
 
-    def __init__(self, folder: Folder, left: LeftDrafts) -> None:
+    def __init__(self, folder: Folder, left: UnsavedDrafts) -> None:
         self._folder = folder
         self._left = left
 

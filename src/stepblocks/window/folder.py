@@ -102,7 +102,7 @@ class Folder:
             raise PipelineError(texts.NAME_OUTSIDE.format(name=shorten_value(name)))
         return path
 
-    def make_link(self, name: str) -> str:
+    def make_file_address(self, name: str) -> str:
         """Return the address at which the window serves a file."""
         return f"{self.address}{quote(name)}"
 

@@ -341,7 +341,7 @@ class InspectForm:
         with ui.row():
             for path in sorted(page.parent.glob(f"{glob.escape(begin)}*")):
                 name = path.relative_to(self._folder.path).as_posix()
-                ui.link(path.name, self._folder.make_link(name), new_tab=True)
+                ui.link(path.name, self._folder.make_file_address(name), new_tab=True)
         show_embedded_page(
             self._folder, job.command.page, texts.REPORT_OF.format(title=texts.INSPECT_THIS)
         )

@@ -41,7 +41,9 @@ class JobView:
                 self._spinner = ui.spinner(size="sm").props("aria-hidden=true")
                 self._state = ui.label().props("role=status").mark(f"state-{job.number}")
                 self._cancel = add_quiet_button(texts.CANCEL, job.cancel)
-                self._link = ui.link(texts.OPEN_PAGE, folder.make_link(job.command.page), True)
+                self._link = ui.link(
+                    texts.OPEN_PAGE, folder.make_file_address(job.command.page), True
+                )
                 self._served = ui.link(texts.OPEN_SERVED, job.command.address, True)
             with ui.row().classes("items-center w-full") as self._progress:
                 self._bar = ui.linear_progress(value=0.0, show_value=False)
@@ -162,7 +164,9 @@ def show_embedded_page(folder: Folder, name: str, title: str) -> None:
     if not name.endswith(_PAGES) or not is_file(folder.resolve(name)):
         return
     frame = ui.element("iframe").classes("report").mark("report")
-    frame.props(f'src="{folder.make_link(name)}" title="{escape(title)}" sandbox="allow-scripts"')
+    frame.props(
+        f'src="{folder.make_file_address(name)}" title="{escape(title)}" sandbox="allow-scripts"'
+    )
 
 
 def show_job_heading(job: Job) -> None:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 _MOST = 20  # that are kept
 
 
-class LeftDrafts:
+class UnsavedDrafts:
     """The drafts of a window, each with an element of the page that changes it."""
 
     def __init__(self) -> None:
@@ -29,7 +29,7 @@ class LeftDrafts:
         None where there is none. What another page still changes is left to it, and a file that
         was changed since counts before what was typed.
         """
-        left = [draft for draft, page in self._drafts if draft.path == path and _is_left(page)]
+        left = [draft for draft, page in self._drafts if draft.path == path and _is_page_left(page)]
         self._drafts = [kept for kept in self._drafts if kept[0] not in left]
         for draft in reversed(left):
             if draft.is_unsaved and draft.is_current:
@@ -41,6 +41,6 @@ class LeftDrafts:
         self._drafts = [kept for kept in self._drafts if kept[0] is not draft]
 
 
-def _is_left(page: ui.element) -> bool:
+def _is_page_left(page: ui.element) -> bool:
     """Tell whether nobody sees a page any more."""
     return is_gone(page) or not page.client.has_socket_connection

@@ -194,5 +194,5 @@ class SetForm:
         for word in job.command.words:
             picture = word.removeprefix("--plot=")
             if picture != word and is_file(self._folder.resolve(picture)):
-                image = ui.image(self._folder.make_link(picture)).classes("max-w-[900px]")
+                image = ui.image(self._folder.make_file_address(picture)).classes("max-w-[900px]")
                 image.props(f'alt="{texts.SET_PICTURE}"')

@@ -62,7 +62,9 @@ def _show_entry(entry: Entry, folder: Folder, jobs: JobList) -> None:
     if entry.kind is Kind.OUTPUT:
         with ui.row().classes("items-center"):
             ui.label(entry.name)
-            ui.link(texts.OPEN_PAGE, folder.make_link(f"{entry.name}/index.html"), new_tab=True)
+            ui.link(
+                texts.OPEN_PAGE, folder.make_file_address(f"{entry.name}/index.html"), new_tab=True
+            )
         return
     with ui.expansion(entry.name).classes("w-full"):
         if entry.kind is Kind.STIMULI:

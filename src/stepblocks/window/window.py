@@ -20,7 +20,7 @@ from stepblocks.window.folder_drop import add_folder_script
 from stepblocks.window.frame import Page, build_frame
 from stepblocks.window.gate import Gate
 from stepblocks.window.jobs import JobList
-from stepblocks.window.left_drafts import LeftDrafts
+from stepblocks.window.left_drafts import UnsavedDrafts
 from stepblocks.window.many_files import add_many_files_script
 from stepblocks.window.set_page import SetPage
 from stepblocks.window.start_page import StartPage
@@ -48,7 +48,7 @@ class Window:
     def __init__(self, path: Path) -> None:
         self.folder = Folder(path)
         self.jobs = JobList(self.folder.path)
-        self._left = LeftDrafts()
+        self._left = UnsavedDrafts()
         start_page = StartPage(self.folder, self.jobs)
         study_page = StudyPage(self.folder, self.jobs)
         set_page = SetPage(self.folder, self.jobs)

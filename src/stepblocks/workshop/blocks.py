@@ -12,6 +12,7 @@ from stepblocks.workshop.paper import (
     MILLIMETRES_PER_METRE,
     Alignment,
     Layer,
+    PaperX,
     Point,
     View,
     choose_standard_scale,
@@ -527,7 +528,7 @@ def _draw_margin_outline(sheet: Sheet, detail: _MarginOnPaper) -> None:
         sheet.draw_line((x, floor), (detail.wall, floor))
 
 
-def _draw_vertical_discrepancy(sheet: Sheet, margin: MarginBlock, detail: _MarginOnPaper) -> float:
+def _draw_vertical_discrepancy(sheet: Sheet, margin: MarginBlock, detail: _MarginOnPaper) -> PaperX:
     """Draw the vertical discrepancy, if a face carries it; return x right of it."""
     x, tooth = detail.view.origin
     listed = sheet.listed.get("vertical_discrepancy")
@@ -541,7 +542,7 @@ def _draw_vertical_discrepancy(sheet: Sheet, margin: MarginBlock, detail: _Margi
     return end_x + 42.0  # clear of the text, which stands beside a narrow dimension
 
 
-def _draw_margin_demands(sheet: Sheet, detail: _MarginOnPaper, crown_frame_x: float) -> None:
+def _draw_margin_demands(sheet: Sheet, detail: _MarginOnPaper, crown_frame_x: PaperX) -> None:
     """Draw datum, flatness, parallelism and roughness of both faces of a margin."""
     x, tooth = detail.view.origin
     level = detail.level

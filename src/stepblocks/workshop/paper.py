@@ -12,6 +12,7 @@ from ezdxf.enums import TextEntityAlignment
 
 Alignment: TypeAlias = TextEntityAlignment
 Point = tuple[float, float]
+PaperX: TypeAlias = float  # across the paper, from its left edge [mm]
 
 WIDTH = 420.0  # A3, landscape [mm]
 HEIGHT = 297.0

@@ -81,7 +81,7 @@ def _make_ezdxf_deterministic() -> Iterator[None]:
     fixed_metadata = ezdxf.options.write_fixed_meta_data_for_testing
     font_manager = fonts.font_manager
     glyph_caches = fonts.TrueTypeFont._glyph_caches
-    pinned_manager, pinned_caches = _load_shipped_fonts()
+    pinned_manager, pinned_caches = _load_font_manager_and_glyph_cache()
     ezdxf.options.write_fixed_meta_data_for_testing = True
     fonts.font_manager = pinned_manager
     fonts.TrueTypeFont._glyph_caches = pinned_caches
@@ -95,7 +95,7 @@ def _make_ezdxf_deterministic() -> Iterator[None]:
 
 
 @cache
-def _load_shipped_fonts() -> tuple[object, dict[str, object]]:
+def _load_font_manager_and_glyph_cache() -> tuple[object, dict[str, object]]:
     """Return ezdxf's manager of the fonts that matplotlib ships, and a cache of glyphs for it."""
     from ezdxf.fonts.font_manager import FontManager
 

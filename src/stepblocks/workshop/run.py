@@ -133,7 +133,7 @@ def order_parts(
         masks are asked for and no step block is of silicon, or parts of a kit are in each other's
         way.
     """
-    deviation = _read_capability(capability)
+    deviation = _parse_capability(capability)
     output = Path(output)
     orders: list[PartOrder] = []
     sets = [stimuli for stimuli, _ in load_sets(files)]
@@ -191,7 +191,7 @@ def _write_masks_of_set(
     return PartOrder(f"{stimuli.name}/masks", tuple(written), (), is_of_set=True)
 
 
-def _read_capability(capability: str | float | None) -> float:
+def _parse_capability(capability: str | float | None) -> float:
     """Return the deviation that a workshop holds in one piece [m]."""
     if capability is None:
         return parse_quantity(GROUND, "length")

@@ -32,10 +32,10 @@ from stepblocks.workshop.setup_limits import (
     GUARD,
     PROBE,
     Allowances,
-    LeftDimension,
+    SetupDimension,
     compute_allowances,
     find_lapping_removal,
-    list_left_dimensions,
+    list_dimensions_left_by_setups,
 )
 
 # share of a tolerance that the guard bands may take; beyond it the machine can prove nothing
@@ -74,7 +74,7 @@ class ProbedLine:
 
 
 @dataclass(frozen=True)
-class LeftLine:
+class SetupDimensionLine:
     """A line of the table of what the setups leave, as texts."""
 
     setup: str
@@ -124,7 +124,7 @@ def _render_setup_sheet(block: Block, routes: Sequence[Route], pair: GaugePair |
     stock_sizes = _compute_stock_sizes(block)
     stock = [format_millimetres(size, 1) for size in stock_sizes]
     allowances = compute_allowances(block)
-    left_dimensions = list_left_dimensions(block)
+    left_dimensions = list_dimensions_left_by_setups(block)
     unproven = [line.label for line in left_dimensions if line.acceptance_band is None]
     letters = _describe_engraved_letters(block, allowances)
     letters_middle = format_millimetres(letters.middle, 3)
@@ -154,7 +154,7 @@ def _render_setup_sheet(block: Block, routes: Sequence[Route], pair: GaugePair |
         second_burr=_format_largest_burr(last_edge),
         cut=f"{GRINDING * 1e3:g} mm",
         allowances=allowances,
-        left_lines=_format_left_dimensions(left_dimensions),
+        left_lines=_format_setup_dimensions(left_dimensions),
         unproven=unproven,
         countersink=_describe_countersink(block, allowances),
         letters_middle=letters_middle,
@@ -239,7 +239,7 @@ def _describe_countersink(block: Block, allowances: Allowances) -> str:
     return f"{format_millimetres(diameter, 2)} mm"
 
 
-def _format_left_dimensions(dimensions: Sequence[LeftDimension]) -> list[LeftLine]:
+def _format_setup_dimensions(dimensions: Sequence[SetupDimension]) -> list[SetupDimensionLine]:
     """List what the setups must leave, rounded into the limits [mm]."""
     lines = []
     for dimension in dimensions:
@@ -251,7 +251,7 @@ def _format_left_dimensions(dimensions: Sequence[LeftDimension]) -> list[LeftLin
             if not dimension.is_least:
                 high = format_millimetres(math.floor(band.high / _ROUNDED + _SAME) * _ROUNDED, 3)
                 accepted = f"{low} to {high}"
-        lines.append(LeftLine(str(dimension.setup), dimension.label, accepted))
+        lines.append(SetupDimensionLine(str(dimension.setup), dimension.label, accepted))
     return lines
 
 

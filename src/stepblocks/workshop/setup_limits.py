@@ -70,7 +70,7 @@ class Band:
 
 
 @dataclass(frozen=True)
-class LeftDimension:
+class SetupDimension:
     """A dimension that a setup leaves, with limits that later setups turn into the drawing's."""
 
     setup: int
@@ -129,7 +129,7 @@ def compute_allowances(block: Block) -> Allowances:
     )
 
 
-def list_left_dimensions(block: Block) -> list[LeftDimension]:
+def list_dimensions_left_by_setups(block: Block) -> list[SetupDimension]:
     """List what the setups of a block must leave, in the order of the setups.
 
     Parameters
@@ -148,14 +148,14 @@ def list_left_dimensions(block: Block) -> list[LeftDimension]:
     ground = _find_base_grinding_removal(block, allowances)
     thickness = _find_working_thickness(block)
     mounting = block.body.mounting
-    lines: list[LeftDimension] = []
+    lines: list[SetupDimension] = []
     if mounting is not None and mounting.kind == "tapped":
         lines += _yield_core_hole_dimensions(mounting, ground)
     if allowances.mills_top:
         milled = Band.around(block.overall_sizes[2] + allowances.base + allowances.top, _MILLING)
-        lines.append(LeftDimension(2, "milled_height", "height over both milled faces", milled))
+        lines.append(SetupDimension(2, "milled_height", "height over both milled faces", milled))
     label = "thickness over both ground faces"
-    as_ground = LeftDimension(
+    as_ground = SetupDimension(
         4, "ground_thickness", label, _find_ground_thickness(block, thickness, lapped)
     )
     if mounting is not None and mounting.kind == "clearance":
@@ -165,9 +165,9 @@ def list_left_dimensions(block: Block) -> list[LeftDimension]:
         ):  # the depth is measured from a face that nobody can hold
             floor = Band.around(floor.middle, 0.0)
         label = "floor of the counterbores over the milled base"
-        lines.append(LeftDimension(2, "counterbore_floor", label, floor))
+        lines.append(SetupDimension(2, "counterbore_floor", label, floor))
     if allowances.base > 0.0:
-        lines.append(LeftDimension(4, "ground_off_base", "ground off the base", ground))
+        lines.append(SetupDimension(4, "ground_off_base", "ground off the base", ground))
     lines.append(as_ground)
     if block.body.edge_break.nominal > 0.0:
         lines += _yield_edge_break_dimensions(block, lapped)
@@ -223,13 +223,13 @@ def _find_base_grinding_removal(block: Block, allowances: Allowances) -> Band:
     return Band.around(allowances.base, min(spread, allowances.base))
 
 
-def _yield_core_hole_dimensions(mounting: Mounting, ground_off: Band) -> Iterator[LeftDimension]:
+def _yield_core_hole_dimensions(mounting: Mounting, ground_off: Band) -> Iterator[SetupDimension]:
     """Yield depth of core holes and threads from the base as it is drilled, before it is ground."""
     depth = Band.from_dimension(mounting.depth)
     drilled = Band(depth.low + ground_off.high, depth.high + ground_off.low)
-    yield LeftDimension(1, "drilled_depth", "depth of the core holes", drilled)
+    yield SetupDimension(1, "drilled_depth", "depth of the core holes", drilled)
     least = Band(mounting.thread_depth + ground_off.high, math.inf)
-    yield LeftDimension(1, "tapped_depth", "full thread, at least", least, is_least=True)
+    yield SetupDimension(1, "tapped_depth", "full thread, at least", least, is_least=True)
 
 
 def _find_ground_thickness(block: Block, thickness: Band, lapped_off: Band) -> Band:
@@ -249,10 +249,10 @@ def _find_counterbore_floor(mounting: Mounting, thickness: Band, ground_off: Ban
     return Band(lowest, highest)
 
 
-def _yield_edge_break_dimensions(block: Block, lapped_off: Band) -> Iterator[LeftDimension]:
+def _yield_edge_break_dimensions(block: Block, lapped_off: Band) -> Iterator[SetupDimension]:
     """Yield the legs of edge breaks on faces that are ground, and still to be lapped or cut."""
     leg = Band.from_dimension(block.body.edge_break)
-    yield LeftDimension(5, "edge_break_base", "leg at the base and of upright edges", leg)
+    yield SetupDimension(5, "edge_break_base", "leg at the base and of upright edges", leg)
     drops = _compute_face_drops(block)
     edge = "working edge" if drops.between is None else "first edge"
     last_edge = "working edge" if drops.between is None else "second edge"
@@ -264,4 +264,4 @@ def _yield_edge_break_dimensions(block: Block, lapped_off: Band) -> Iterator[Lef
         taken_off = drop.add_band(lapped_off)
         limits = Band(leg.low + taken_off.high, leg.high + taken_off.low)
         label = f"leg at the upper side, {place}"
-        yield LeftDimension(5, f"edge_break_{side}", label, limits)
+        yield SetupDimension(5, f"edge_break_{side}", label, limits)

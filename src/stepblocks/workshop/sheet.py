@@ -29,6 +29,7 @@ from stepblocks.workshop.paper import (
     Alignment,
     Layer,
     Paper,
+    PaperX,
     Point,
     replace_decimal_points_by_commas,
     shift_points,
@@ -102,6 +103,7 @@ class _Leader:
 
 
 UnwrittenNotes = list[str]  # lines of notes on views; the caller writes them
+FrameLeft = Point  # middle of the left side of a tolerance frame
 
 
 class Sheet(Paper):
@@ -372,7 +374,7 @@ class Sheet(Paper):
         past_text = 5.0 + compute_text_width(text, TEXT_HEIGHT)
         self.draw_balloon(key, (shelf_x + leader.side * past_text, y))
 
-    def draw_tolerance_frame(self, key: str, lower_left: Point, datum: str = "") -> Point:
+    def draw_tolerance_frame(self, key: str, lower_left: Point, datum: str = "") -> FrameLeft:
         """Draw a tolerance frame from a corner; return the middle of its left side.
 
         It is made of lines, because viewers do not render the native entity.
@@ -459,7 +461,7 @@ class Sheet(Paper):
         self.draw_polyline(tick, Layer.DIMENSION)
         self.write_text((x + 9.0, y + 3.0), ")", 4.0)
 
-    def _draw_texture_lines(self, foot: Point, text: str) -> float:
+    def _draw_texture_lines(self, foot: Point, text: str) -> PaperX:
         """Draw the triangle of a texture and the line over its text; return the end of the line."""
         x, y = foot
         triangle = [(x - 2.0, y + 3.5), (x, y), (x + 2.0, y + 3.5)]

@@ -42,7 +42,7 @@ def write_gauge_assembly(path: Path, block: StepBlock, pair: GaugePair) -> None:
     dimensions = []
     tops = []
     for index, length in ((_LOWER, pair.lower), (_UPPER, pair.upper)):
-        bottom_face, top_face = kernel.find_end_faces(assembly.solids[index], _Z)
+        bottom_face, top_face = kernel.find_end_face_indices(assembly.solids[index], _Z)
         bottom = PmiItem(index, bottom_face)
         top = PmiItem(index, top_face)
         dimension = PmiDimension("distance", (bottom, top), length, -deviation, deviation)

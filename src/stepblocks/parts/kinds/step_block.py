@@ -294,7 +294,7 @@ class StepBlock(Block):
         # two halves, less the rounding, with or without the feature, less holes
         half = self.body.half_length
         left = compute_half_block_volume(self.body, half, 0.0)
-        right = self._compute_right_volume()
+        right = self._compute_volume_right_of_edge()
         volume = left + right - self._compute_rounding_volume(self.edge_radius.nominal)
         if self.metrology is not None:
             volume += self._compute_signed_feature_volume(self.metrology)
@@ -302,7 +302,7 @@ class StepBlock(Block):
             volume -= self.relief.compute_removed_volume(self.body)
         return (volume - self.removed_volume,)
 
-    def _compute_right_volume(self) -> float:
+    def _compute_volume_right_of_edge(self) -> float:
         """Compute the volume right of the working edge [m^3], as if that were sharp."""
         half = self.body.half_length
         height = self.height.nominal
