@@ -118,11 +118,11 @@ def test_the_surface_that_is_written_is_the_one_that_it_is_checked_by(part):
     x = x[np.abs(x[:, None] - edges).min(axis=1) > 1e-9]
     assert np.allclose(
         part.counterface().heights(x),
-        [part.compute_surface_height(float(one)) for one in x],
+        [part.top(float(one)) for one in x],
         rtol=0.0,
         atol=1e-15,
     )
-    assert part.compute_surface_height(0.4e-3) == part.rise
+    assert part.top(0.4e-3) == part.rise
 
 
 @pytest.mark.parametrize("part", PARTS)

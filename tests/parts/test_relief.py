@@ -57,9 +57,7 @@ def test_the_height_field_falls_into_the_relief_and_rises_out_of_it():
     assert row[-1] == 50e-6
     assert (row == -0.1e-3).sum() == 150  # 0.3 mm in steps of 2 um
     x = np.array([-0.301e-3, -0.299e-3, -1e-6, 1e-6])
-    assert block.counterface().heights(x).tolist() == [
-        block.compute_surface_height(one) for one in x.tolist()
-    ]
+    assert block.counterface().heights(x).tolist() == [block.top(one) for one in x.tolist()]
 
 
 def test_a_ball_that_rides_over_the_relief_feels_the_plain_step():

@@ -69,10 +69,10 @@ def test_the_step_file_states_both_steps_on_the_faces_of_the_solid(direction, tm
 
 def test_the_surface_rises_twice_or_falls_back_behind_its_edges():
     x = np.array([-1e-3, 1e-3, 4.999e-3, 5.001e-3, 9e-3])
-    up = [make_block().compute_surface_height(place) for place in x.tolist()]
+    up = [make_block().top(place) for place in x.tolist()]
     assert up == pytest.approx([0.0, 50e-6, 50e-6, 80e-6, 80e-6], abs=1e-15)
     pedestal = make_block(direction="down", height="50 um", edge_radius="10 um")
-    down = [pedestal.compute_surface_height(place) for place in [4.989e-3, 4.995e-3, 5.001e-3]]
+    down = [pedestal.top(place) for place in [4.989e-3, 4.995e-3, 5.001e-3]]
     # 5 um inside the riser of an arc of 10 um it lies r (1 - sqrt(3) / 2) below the face
     assert down == pytest.approx([50e-6, 50e-6 - 10e-6 * (1.0 - 0.75**0.5), 0.0], abs=1e-15)
 
@@ -83,7 +83,7 @@ def test_the_height_field_reaches_over_both_edges():
     assert len(row) == 3500  # from 1 mm before the first edge to 1 mm behind the second, by 2 um
     assert (row[0], row[1000], row[-1]) == pytest.approx((0.0, 50e-6, 20e-6), abs=1e-15)
     x = np.array([4.979e-3, 4.985e-3, 4.999e-3, 5.001e-3])
-    tops = [block.compute_surface_height(place) for place in x.tolist()]
+    tops = [block.top(place) for place in x.tolist()]
     assert block.sample_surface(x) == pytest.approx(tops, abs=1e-15)
 
 

@@ -113,7 +113,7 @@ def _judge_heights(
         )
     columns = heights.shape[1]
     positions = sidecar.x.list_positions(columns).tolist()
-    expected = list(map(part.compute_surface_height, positions))
+    expected = list(map(part.top, positions))
     worst = float(np.abs(heights - expected).max())
     yield Finding("largest error of a height", 0.0, worst, NANOMETRE)
     outer = min(columns // 3, _MOST_OUTER)

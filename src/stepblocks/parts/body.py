@@ -305,19 +305,19 @@ class Block(Part):
         return self.first_rise
 
     @property
-    def highest_face(self) -> float:
+    def highest(self) -> float:
         """Height of the highest working face over the left one [m]."""
         return max(self.rise, 0.0)
 
     @property
-    def overall_sizes(self) -> Point3:
+    def sides(self) -> Point3:
         """Sizes along x, y and z [m]."""
         body = self.body
-        height = body.thickness.nominal + self.highest_face
+        height = body.thickness.nominal + self.highest
         return body.length.nominal, body.width.nominal, height
 
     @abstractmethod
-    def compute_surface_height(self, x: float) -> float:
+    def top(self, x: float) -> float:
         """Compute the height of the surface at a position across the edge [m].
 
         It is worked out apart from the counterface, to check by.
@@ -515,10 +515,10 @@ class Block(Part):
             method="thread plug gauge 6H, go and no-go",
         )
 
-    def yield_engraving_and_stock_breaches(self) -> Iterator[str]:
+    def check_engraving_and_stock(self) -> Iterator[str]:
         """Yield what keeps the identity from fitting the front, and the block its stock."""
         if self.stock is not None:
-            for axis, size, side in zip("xyz", self.stock, self.overall_sizes, strict=True):
+            for axis, size, side in zip("xyz", self.stock, self.sides, strict=True):
                 if size < side:
                     yield describe_breach(f"stock along {axis}", "hold the block", side, size)
         if self.body.engraving is not None:

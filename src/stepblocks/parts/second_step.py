@@ -107,7 +107,7 @@ class SecondStep(Table):
             return step.heights(past)
         return step.heights(-past) - self.height.nominal
 
-    def compute_surface_height(self, x: float, height_before: float) -> float:
+    def top(self, x: float, height_before: float) -> float:
         """Compute the height of the surface at `x` [m], right of the first edge's rounding."""
         radius = self.edge_radius.nominal
         behind = height_before + self.rise

@@ -16,8 +16,8 @@ def compute_stock_corners(block: Block) -> tuple[Point3, Point3]:
     if block.stock is not None:
         x, y, z = block.stock
     else:
-        x, y, z = (_choose_stock_size(side) for side in block.overall_sizes)
-    _, _, height = block.overall_sizes
+        x, y, z = (_choose_stock_size(side) for side in block.sides)
+    _, _, height = block.sides
     base = block.body.base - min(STOCK, 0.5 * (z - height))
     return (-0.5 * x, -0.5 * y, base), (0.5 * x, 0.5 * y, base + z)
 

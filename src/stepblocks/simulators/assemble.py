@@ -149,7 +149,7 @@ def iterate_scanned_teeth(
         places = np.array([margin.station.place_m for _, margin in stations])
         apart = np.linalg.norm(places - np.roll(places, 1, axis=0), axis=1).max()
         first_scene, first_margin = stations[0]
-        scan = first_margin.read_tooth_mesh(folder, first_scene.scale)
+        scan = first_margin.read_tooth(folder, first_scene.scale)
         width = _OVERLAP * apart
         sections = [_place_section_at_station(scene, margin, width) for scene, margin in stations]
         yield scan, sections

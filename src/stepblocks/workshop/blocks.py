@@ -474,7 +474,7 @@ class _MarginOnPaper:
         wall, level = view.map_to_paper(gap, rise)
         depth_on_paper = depth * MILLIMETRES_PER_METRE * scale
         floor = tooth + max(-depth_on_paper, -_DEEPEST_GAP)
-        corner = view.map_line_to_paper(margin.margin_outline)
+        corner = view.map_line_to_paper(margin.corner)
         return cls(view, wall, level, floor, tooth - depth_on_paper < floor, corner)
 
 

@@ -216,7 +216,7 @@ def _list_reaching_route_names(routes: Sequence[Route]) -> list[str]:
 def _find_axes_of_tight_stock(block: Block, stock_sizes: Sequence[float]) -> list[str]:
     """Find the axes along which the stock leaves less than two cuts."""
     tight = []
-    for axis, size, side in zip("xyz", stock_sizes, block.overall_sizes, strict=True):
+    for axis, size, side in zip("xyz", stock_sizes, block.sides, strict=True):
         if size - side < 2.0 * GRINDING:
             tight.append(axis)
     return tight

@@ -118,7 +118,7 @@ def compute_allowances(block: Block) -> Allowances:
     """Compute what milling leaves on a block; a tight stock leaves less to grind."""
     low, high = compute_stock_corners(block)
     on_base = max(block.body.base - low[2], 0.0)
-    on_top = max(high[2] - block.highest_face, 0.0)
+    on_top = max(high[2] - block.highest, 0.0)
     jaws = min(_JAWS, _JAWS_SHARE * (high[2] - low[2]))
     return Allowances(
         base=min(GRINDING, on_base),
@@ -152,7 +152,7 @@ def list_dimensions_left_by_setups(block: Block) -> list[SetupDimension]:
     if mounting is not None and mounting.kind == "tapped":
         lines += _yield_core_hole_dimensions(mounting, ground)
     if allowances.mills_top:
-        milled = Band.around(block.overall_sizes[2] + allowances.base + allowances.top, _MILLING)
+        milled = Band.around(block.sides[2] + allowances.base + allowances.top, _MILLING)
         lines.append(SetupDimension(2, "milled_height", "height over both milled faces", milled))
     label = "thickness over both ground faces"
     as_ground = SetupDimension(

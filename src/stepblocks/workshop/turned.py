@@ -101,7 +101,7 @@ def draw_hook_tip_views(sheet: Sheet, tip: HookTip) -> UnwrittenNotes:
     inner = _list_wire_side(tip, -wire)
     outer = _list_wire_side(tip, wire)
     end_face = [inner[-1], outer[-1]]
-    view = _draw_side_view(sheet, tip, tip.cone_end_height, [inner, outer, end_face])
+    view = _draw_side_view(sheet, tip, tip.cone_end, [inner, outer, end_face])
     _draw_bend_leaders(sheet, tip, view, outer)
     _, heights = zip(*inner, *outer, strict=True)
     lowest = min(-wire, *heights)
@@ -116,7 +116,7 @@ def _list_wire_side(tip: HookTip, offset: float) -> list[Point]:
     `offset` is the distance of that side from the axis of the wire, away from the middle of the
     bend.
     """
-    start = tip.cone_end_height
+    start = tip.cone_end
     bend = tip.bend_radius.nominal
     angle = tip.bend_angle.nominal
     radius = bend + offset
@@ -141,7 +141,7 @@ def _draw_bend_leaders(sheet: Sheet, tip: HookTip, view: View, outer: list[Point
     bend = tip.bend_radius.nominal
     half_angle = 0.5 * tip.bend_angle.nominal
     axis = view.map_to_paper(
-        tip.cone_end_height + bend * math.sin(half_angle), bend * (1.0 - math.cos(half_angle))
+        tip.cone_end + bend * math.sin(half_angle), bend * (1.0 - math.cos(half_angle))
     )
     x, y = axis
     sheet.draw_characteristic_leader(
@@ -162,7 +162,7 @@ def _draw_side_view(
 
     The axis is drawn up to `axis_end` [m]. Returns the view, whose origin is the contact point.
     """
-    half_section = list_outline_points(tip.outline_half_section(), CHORD)
+    half_section = list_outline_points(tip.outline(), CHORD)
     upper, lower = [], []
     for radius, height in half_section:
         upper.append((height, radius))
@@ -201,7 +201,7 @@ def _draw_ball_detail(sheet: Sheet, tip: Tip) -> None:
     view = View((x - 40.0, y), choose_standard_scale(_BALL_RADIUS / (ball * MILLIMETRES_PER_METRE)))
     height = _BALL_HEIGHT * ball
     outline = []
-    for point in list_outline_points(tip.outline_half_section(), CHORD):
+    for point in list_outline_points(tip.outline(), CHORD):
         _, point_height = point
         if point_height <= height:
             outline.append(point)
@@ -262,7 +262,7 @@ def _draw_sheath_section(sheet: Sheet, sheath: Sheath, view: View) -> None:
     half_bore = 0.5 * sheath.bore.nominal
     half_outer = 0.5 * sheath.outer_diameter.nominal
     chamfer = sheath.edge_break.nominal
-    outline = sheath.outline_half_section()
+    outline = sheath.outline()
     _draw_mirrored_half_section(sheet, view, outline, closed=True)
     for wall in _yield_mirrored_halves(view, outline):
         sheet.draw_hatch(wall)

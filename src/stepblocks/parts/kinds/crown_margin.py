@@ -59,12 +59,12 @@ class CrownMargin(Part):
 
     @property
     @abstractmethod
-    def gap_floor_depth_and_slope(self) -> tuple[float, float]:
+    def floor_depth_and_slope(self) -> tuple[float, float]:
         """Depth of the gap [m] where it begins, and how steeply its floor falls from there [1]."""
 
     def make_counterface(self, **sizes: float) -> Margin:
         gap = sizes["gap"]
-        depth, slope = self.gap_floor_depth_and_slope
+        depth, slope = self.floor_depth_and_slope
         return Margin(max(gap, 0.0), sizes.get("opening", gap), sizes["rise"], depth, slope)
 
     @property
@@ -80,7 +80,7 @@ class CrownMargin(Part):
         return math.hypot(self.opening.nominal, self.horizontal_discrepancy.nominal)
 
     @property
-    def margin_outline(self) -> list[Point]:
+    def corner(self) -> list[Point]:
         """Outline of the crown's margin from inside the gap to its outer corner [m]."""
         gap = self.marginal_gap.nominal
         opening = self.opening.nominal
@@ -103,7 +103,7 @@ class CrownMargin(Part):
                 f"{format_quantity(rise, 'length')}"
             )
 
-    def measure_marginal_gap(self, mesh: MeasuredMesh, body_length: Dimension) -> Verdict:
+    def measure_gap(self, mesh: MeasuredMesh, body_length: Dimension) -> Verdict:
         """Measure the marginal gap on the mesh of a body of this length."""
         reach = 0.25 * body_length.nominal
         crown_wall = mesh.measure_wall_position(-1, reach)

@@ -158,11 +158,11 @@ class CrownOnTooth(CrownMargin, Turned):
             self.internal_gap.nominal,
             self.shell_thickness.nominal,
             self.outer_radius,
-            self.margin_outline,
+            self.corner,
         )
 
     @property
-    def gap_floor_depth_and_slope(self) -> tuple[float, float]:
+    def floor_depth_and_slope(self) -> tuple[float, float]:
         return self.finish_line.width.nominal, math.tan(self.taper.nominal)
 
     @property
@@ -179,7 +179,7 @@ class CrownOnTooth(CrownMargin, Turned):
         return self.margin_radius.nominal + self.horizontal_discrepancy.nominal
 
     def outlines(self) -> list[Outline]:
-        return [self.preparation.outline_half_section(), self.seated_crown.outline_half_section()]
+        return [self.preparation.outline(), self.seated_crown.outline()]
 
     def hulls(self) -> list[Manifold]:
         # frusta of the tooth, the crown's roof, and sectors of its wall in level slices
@@ -189,7 +189,7 @@ class CrownOnTooth(CrownMargin, Turned):
             *list_ring_points(outer, crown.inner_roof_height),
             *list_ring_points(outer, crown.outer_roof_height),
         ]
-        pieces = [*make_frusta(self.preparation.outline_half_section()), make_hull(roof)]
+        pieces = [*make_frusta(self.preparation.outline()), make_hull(roof)]
         for cell in self._list_wall_cells():
             pieces += turn_cell_into_sectors(cell)
         return pieces
@@ -198,7 +198,7 @@ class CrownOnTooth(CrownMargin, Turned):
         """Cut the half section of the crown's wall into convex cells (radius, height) [m]."""
         outer = self.outer_radius
         gap = self.marginal_gap.nominal
-        points = list_outline_points(self.seated_crown.outline_half_section(), PIECE_DEFLECTION)
+        points = list_outline_points(self.seated_crown.outline(), PIECE_DEFLECTION)
         fitting = points[1 : points.index((outer, self.seated_crown.outer_roof_height))]
         cells = []
         for upper, lower in itertools.pairwise(fitting):

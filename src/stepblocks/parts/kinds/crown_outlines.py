@@ -37,7 +37,7 @@ class Preparation:
         """Return the radius of the axial wall at a height [m]."""
         return self.margin_radius - self.ledge - (height - self.wall_start) * self.slope
 
-    def outline_half_section(self) -> Outline:
+    def outline(self) -> Outline:
         """Outline the half section of the tooth, from the root up."""
         radius = self.margin_radius
         ledge = self.ledge
@@ -83,7 +83,7 @@ class SeatedCrown:
         """Return the radius of its inner wall at a height [m]."""
         return self.preparation.compute_wall_radius(height) + self.wall_offset
 
-    def outline_half_section(self) -> Outline:
+    def outline(self) -> Outline:
         """Outline the half section of the crown, from its inner roof down and round."""
         outline: Outline = [
             (0.0, self.inner_roof_height),

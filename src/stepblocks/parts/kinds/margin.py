@@ -88,10 +88,10 @@ class MarginBlock(CrownMargin, Block):
     working_faces: WorkingFaces | None = None
 
     @property
-    def gap_floor_depth_and_slope(self) -> tuple[float, float]:
+    def floor_depth_and_slope(self) -> tuple[float, float]:
         return self.gap_depth.nominal, 0.0
 
-    def compute_surface_height(self, x: float) -> float:
+    def top(self, x: float) -> float:
         # the uppermost of the straight lines of the section at x
         depth = self.gap_depth.nominal
         far = self.body.length.nominal
@@ -100,7 +100,7 @@ class MarginBlock(CrownMargin, Block):
             (0.0, 0.0),
             (0.0, -depth),
             (self.marginal_gap.nominal, -depth),
-            *self.margin_outline,
+            *self.corner,
             (far, self.rise),
         ]
         heights = []
@@ -112,7 +112,7 @@ class MarginBlock(CrownMargin, Block):
     def solids(self) -> list[cad.door.Body]:
         gap = self.marginal_gap.nominal
         depth = self.gap_depth.nominal
-        crest = [*reversed(self.margin_outline), (gap, -depth), (0.0, -depth), (0.0, 0.0)]
+        crest = [*reversed(self.corner), (gap, -depth), (0.0, -depth), (0.0, 0.0)]
         cuts = make_body_cuts(self.body, self.id, [WorkingFace(0.0, self.rise)])
         return [cad.kernel.cut(self.extrude_section(crest), cuts)]
 
@@ -123,7 +123,7 @@ class MarginBlock(CrownMargin, Block):
         half = self.body.half_length
         left = compute_half_block_volume(self.body, half, 0.0)
         right = compute_half_block_volume(self.body, half, self.rise)
-        above = [*self.margin_outline, (0.0, self.rise)]
+        above = [*self.corner, (0.0, self.rise)]
         has_lip = self.opening.nominal < 0.0
         if has_lip:
             above = [(gap, gap), (0.0, gap)]
@@ -261,7 +261,7 @@ class MarginBlock(CrownMargin, Block):
         )
 
     def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Verdict]:
-        yield self.measure_marginal_gap(mesh, self.body.length)
+        yield self.measure_gap(mesh, self.body.length)
         opening = self.opening.nominal
         crown = mesh.measure_face_height_beside(opening, +1)
         tooth = mesh.measure_face_height_beside(
@@ -288,7 +288,7 @@ class MarginBlock(CrownMargin, Block):
         if depth >= deepest:
             rule = "be below a quarter of the thickness"
             yield describe_breach("gap_depth", rule, deepest, depth)
-        yield from self.yield_engraving_and_stock_breaches()
+        yield from self.check_engraving_and_stock()
         yield from self._yield_rise_breaches()
 
     def _yield_rise_breaches(self) -> Iterator[str]:

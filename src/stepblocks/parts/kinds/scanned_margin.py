@@ -184,7 +184,7 @@ class ScannedMargin(CrownMargin):
             identity = f"{declared.id}-{number:0{digits}}"
             yield {**stanza, "id": identity, "station": _name_station_values(number, row)}
 
-    def read_tooth_mesh(self, folder: Path, magnification: float = 1.0) -> Mesh:
+    def read_tooth(self, folder: Path, magnification: float = 1.0) -> Mesh:
         """Read the surface that the margin runs along [m], magnified; islands are left out."""
         surface = read_confined(
             f"{margin_line.__name__}:read_tooth_in_worker",
@@ -197,7 +197,7 @@ class ScannedMargin(CrownMargin):
         return Mesh(name, surface["vertices"] * magnification, surface["triangles"])
 
     @property
-    def gap_floor_depth_and_slope(self) -> tuple[float, float]:
+    def floor_depth_and_slope(self) -> tuple[float, float]:
         return self.gap_depth.nominal, 0.0
 
     def make_counterface(self, **sizes: float) -> ProfiledMargin:
@@ -266,7 +266,7 @@ class ScannedMargin(CrownMargin):
         yield make_contact_roughness_characteristic(self.face_demands["roughness"])
 
     def measure_mesh(self, body: int, mesh: MeasuredMesh) -> Iterator[Verdict]:
-        yield self.measure_marginal_gap(mesh, self.length)
+        yield self.measure_gap(mesh, self.length)
         at_margin = abs(mesh.vertices[:, 0] - self.opening.nominal) < 5.0 * NANOMETRE
         yield Finding(
             "margin of the crown",

@@ -159,9 +159,9 @@ class Sheath(Turned, HeldPart):
         return density * least, density * largest
 
     def outlines(self) -> list[Outline]:
-        return [[*self.outline_half_section()]]
+        return [[*self.outline()]]
 
-    def outline_half_section(self) -> list[Point]:
+    def outline(self) -> list[Point]:
         """Outline a half section; the near end lies at height 0."""
         bore = 0.5 * self.bore.nominal
         outer = 0.5 * self.outer_diameter.nominal
@@ -179,7 +179,7 @@ class Sheath(Turned, HeldPart):
         ]
 
     def hulls(self) -> list[Manifold]:
-        return turn_cell_into_sectors(self.outline_half_section())
+        return turn_cell_into_sectors(self.outline())
 
     def chordal_error(self, face: cad.door.Face) -> float:
         return FITTING_DEFLECTION

@@ -219,14 +219,14 @@ class StepBlock(Block):
             *list_untouched_ball_rows(self.counterface()),
         ]
 
-    def compute_surface_height(self, x: float) -> float:
+    def top(self, x: float) -> float:
         # circle about (r, H - r) between the two faces
         height = self.height.nominal
         radius = self.edge_radius.nominal
         if x < 0.0:
             return self._compute_lower_surface_height(x)
         if x >= radius and self.second_step is not None:
-            return self.second_step.compute_surface_height(x, height)
+            return self.second_step.top(x, height)
         if x >= radius:
             return height
         return height - radius + math.sqrt(x * (2.0 * radius - x))
@@ -540,7 +540,7 @@ class StepBlock(Block):
         return rise
 
     @property
-    def highest_face(self) -> float:
+    def highest(self) -> float:
         return max(face.height for face in self._list_upper_working_faces())
 
     def _list_upper_working_faces(self) -> list[WorkingFace]:
@@ -575,7 +575,7 @@ class StepBlock(Block):
             yield describe_breach("height", rule, chamfer, height)
         if height >= half_thickness:
             yield describe_breach("height", "be below half the thickness", half_thickness, height)
-        yield from self.yield_engraving_and_stock_breaches()
+        yield from self.check_engraving_and_stock()
         if self.relief is not None:
             yield from self.relief.yield_breaches(self.body)
         if self.metrology is not None:

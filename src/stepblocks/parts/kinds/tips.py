@@ -77,7 +77,7 @@ class Tip(Turned, HeldPart):
         return ball * math.cos(half_angle), ball * (1.0 - math.sin(half_angle))
 
     @property
-    def cone_end_height(self) -> float:
+    def cone_end(self) -> float:
         """Height at which the cone has the radius of the shank [m]."""
         start_radius, start_height = self.cone_start
         growth = self.shank_radius.nominal - start_radius
@@ -92,15 +92,15 @@ class Tip(Turned, HeldPart):
         return [
             (0.0, 0.0),
             (on_ball, self.cone_start),
-            (self.shank_radius.nominal, self.cone_end_height),
+            (self.shank_radius.nominal, self.cone_end),
         ]
 
-    def outline_half_section(self) -> Outline:
+    def outline(self) -> Outline:
         """Outline a half section of what is turned, up to the axis; it touches at the origin."""
-        return [*self.outline_head(), (0.0, self.cone_end_height)]
+        return [*self.outline_head(), (0.0, self.cone_end)]
 
     def outlines(self) -> list[Outline]:
-        return [self.outline_half_section()]
+        return [self.outline()]
 
     def chordal_error(self, face: cad.door.Face) -> float:
         return CONTACT_DEFLECTION if face.kind == "SPHERE" else COARSE_DEFLECTION
@@ -202,13 +202,13 @@ class StraightTip(Tip):
     length: PositiveLength = declare_default("40 mm")
     runout: Zone | None = None  # of the ball about the shank, datum A; default 0.02 mm
 
-    def outline_half_section(self) -> Outline:
+    def outline(self) -> Outline:
         shank = self.shank_radius.nominal
         end = self.length.nominal
         return [*self.outline_head(), (shank, end), (0.0, end)]
 
     def hulls(self) -> list[Manifold]:
-        return [make_turned_hull(self.outline_half_section())]
+        return [make_turned_hull(self.outline())]
 
     def characteristics(self) -> Iterator[Characteristic]:
         yield from super().characteristics()
@@ -240,7 +240,7 @@ class StraightTip(Tip):
     def _yield_length_breaches(self) -> Iterator[str]:
         """Yield that a tip ends before its cone does."""
         length = self.length.nominal
-        cone = self.cone_end_height
+        cone = self.cone_end
         if length <= cone:
             yield describe_breach("length", "exceed the end of the cone", cone, length)
 
@@ -285,10 +285,10 @@ class HookTip(Tip):
         """Where the bend ends on the axis of the wire (x, z) [m]."""
         bend = self.bend_radius.nominal
         angle = self.bend_angle.nominal
-        return bend * (1.0 - math.cos(angle)), self.cone_end_height + bend * math.sin(angle)
+        return bend * (1.0 - math.cos(angle)), self.cone_end + bend * math.sin(angle)
 
     def solids(self) -> list[cad.door.Body]:
-        top = self.cone_end_height
+        top = self.cone_end
         wire = self.shank_radius.nominal
         bend = self.bend_radius.nominal
         angle = self.bend_angle.nominal
@@ -300,12 +300,12 @@ class HookTip(Tip):
         end = cad.kernel.outline_circle((end_x, 0.0, end_z), across, (0.0, wire, 0.0))
         run = (length * math.sin(angle), 0.0, length * math.cos(angle))
         shank = cad.kernel.extrude(end, run)
-        head = cad.kernel.revolve_about_vertical(self.outline_half_section(), (0.0, 0.0, 0.0))
+        head = cad.kernel.revolve_about_vertical(self.outline(), (0.0, 0.0, 0.0))
         return [cad.kernel.fuse([head, arc, shank])]
 
     def volumes(self) -> tuple[float, ...]:
         # a turned head, a torus by Pappus, and a cylinder
-        head = compute_revolution_volume(self.outline_half_section())
+        head = compute_revolution_volume(self.outline())
         wire = math.pi * self.shank_radius.nominal**2
         bend = wire * self.bend_radius.nominal * self.bend_angle.nominal
         return (head + bend + wire * self.straight_length.nominal,)
@@ -313,7 +313,7 @@ class HookTip(Tip):
     def hulls(self) -> list[Manifold]:
         angle = self.bend_angle.nominal
         turns = np.linspace(0.0, angle, _BEND_PIECES + 1).tolist()
-        pieces = [make_turned_hull(self.outline_half_section())]
+        pieces = [make_turned_hull(self.outline())]
         for start, end in itertools.pairwise(turns):
             pieces.append(
                 make_hull(
@@ -330,7 +330,7 @@ class HookTip(Tip):
     ) -> list[Point3]:
         """List points of a section of the wire, after a turn [rad] and a straight run [m]."""
         bend = self.bend_radius.nominal
-        top = self.cone_end_height
+        top = self.cone_end
         cos = math.cos(bend_angle)
         sin = math.sin(bend_angle)
         points = []
