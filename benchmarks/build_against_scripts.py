@@ -160,7 +160,7 @@ def extra_costs(stimuli: Path) -> None:
     from stepblocks.artefacts.heightfield import write_height_field
     from stepblocks.artefacts.meshes.write import MESH_FORMATS, write_convex_pieces
     from stepblocks.artefacts.step.write import write_step_ap242
-    from stepblocks.build.make import list_checkable_paths
+    from stepblocks.build.make import list_possible_artefact_paths
     from stepblocks.build.picture import render_part_picture
     from stepblocks.declaration.read import load_set
     from stepblocks.parts.kinds.step_block import StepBlock
@@ -203,7 +203,7 @@ def extra_costs(stimuli: Path) -> None:
                     *block.choose_close_up(),
                 ),
             )
-            for path in list_checkable_paths(block, folder):
+            for path in list_possible_artefact_paths(block, folder):
                 timed(f"read back {path.suffix}", partial(check_artefact, block, path))
             triangles.append(len(mesh.triangles))
             if number == 0:  # the first block pays for imports

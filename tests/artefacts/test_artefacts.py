@@ -11,7 +11,7 @@ from oracles.shipped import load_all_shipped
 from stepblocks.artefacts.check import check_artefact
 from stepblocks.artefacts.meshes.read import MESH_READERS, read_mesh
 from stepblocks.artefacts.meshes.write import MESH_FORMATS
-from stepblocks.build.make import list_checkable_paths
+from stepblocks.build.make import list_possible_artefact_paths
 from stepblocks.parts.shapes import Mesh
 
 SETS = {stimuli.name: stimuli for stimuli in load_all_shipped()}
@@ -19,7 +19,7 @@ ARTEFACTS = [
     pytest.param(name, stimulus, path.name, id=f"{name}/{path.name}")
     for name, stimuli in SETS.items()
     for stimulus in stimuli.stimuli
-    for path in list_checkable_paths(stimulus, Path())
+    for path in list_possible_artefact_paths(stimulus, Path())
 ]
 
 
@@ -163,7 +163,8 @@ def test_an_empty_picture_is_caught(folder, block):
 
 @pytest.mark.repeats
 @pytest.mark.parametrize(
-    "artefact", [path.name for path in list_checkable_paths(SETS["paper-ten"].stimuli[4], Path())]
+    "artefact",
+    [path.name for path in list_possible_artefact_paths(SETS["paper-ten"].stimuli[4], Path())],
 )
 @pytest.mark.parametrize("damage", ["missing", "empty", "truncated", "garbage"])
 def test_a_damaged_file_is_a_failed_verdict_not_a_traceback(folder, block, artefact, damage):

@@ -273,7 +273,7 @@ def test_an_end_of_a_series_moves_by_whole_distances_of_its_sizes():
 def test_a_slider_goes_from_a_fifth_to_the_double_in_the_unit_that_was_typed():
     found = read_size_range("0.025 mm")
     assert (found.low, found.high, found.unit) == (0.005, 0.05, "mm")
-    assert found.format_entry(0.0312345) == "0.03123 mm"
+    assert found.format_value_with_unit(0.0312345) == "0.03123 mm"
 
 
 async def slide(folder):

@@ -47,7 +47,7 @@ def check_output(
         If a stimulus file is malformed, a set is not built, or nothing matches.
     """
     from stepblocks.artefacts.check import check_artefact
-    from stepblocks.build.make import list_checkable_paths
+    from stepblocks.build.make import list_possible_artefact_paths
     from stepblocks.declaration.read import load_sets
 
     folder = Path(output)
@@ -58,7 +58,7 @@ def check_output(
     def yield_selected_verdicts() -> "Iterator[tuple[str, list[Verdict]]]":
         """Yield the verdicts on each selected artefact, then on the tables of whole sets."""
         for stimuli, stimulus in selected:
-            for path in list_checkable_paths(stimulus, folder / stimuli.name / stimulus.id):
+            for path in list_possible_artefact_paths(stimulus, folder / stimuli.name / stimulus.id):
                 yield path.relative_to(folder).as_posix(), check_artefact(stimulus, path)
         if only is None:
             for stimuli in sets:

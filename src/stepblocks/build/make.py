@@ -160,7 +160,7 @@ def _build_on_cluster(
         yield BuiltStimulus(stimulus.set_and_id, packed.seconds)
 
 
-def list_checkable_paths(stimulus: Part, folder: Path) -> list[Path]:
+def list_possible_artefact_paths(stimulus: Part, folder: Path) -> list[Path]:
     """List where the artefacts of a stimulus lie that can be checked, whether or not they exist."""
     names = [f"{stimulus.id}.step"]
     for body in stimulus.bodies:
@@ -203,7 +203,7 @@ def _check_and_record_artefacts(part: Part, key: str, draft: Path) -> StimulusRe
     """Hash and check the artefacts in a draft folder."""
     from stepblocks.artefacts.check import check_artefact
 
-    paths = list_checkable_paths(part, draft)
+    paths = list_possible_artefact_paths(part, draft)
     # of all that was asked for: what somebody removes meanwhile is missed and not left out
     outputs = {path.name: hash_file(path) for path in sorted({*paths, *draft.iterdir()})}
     verdicts = []

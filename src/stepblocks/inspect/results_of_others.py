@@ -56,7 +56,7 @@ def read_results_of_others(
         origin = "as the inspection sheet states it"
     matched = match_results_to_keys(results, keys_by_name)
     if not matched:
-        names = ", ".join(_list_result_names(results))
+        names = ", ".join(_list_distinct_result_names(results))
         raise PipelineError(
             "results must measure a characteristic by its name or number on the drawing, got "
             f"{names:.120} [{path}]"
@@ -78,7 +78,7 @@ def _is_qif(path: Path) -> bool:
     return path.suffix.lower() == ".qif"
 
 
-def _list_result_names(results: list[QifResult]) -> list[str]:
+def _list_distinct_result_names(results: list[QifResult]) -> list[str]:
     """Return the names or numbers of results, without repetition, in their order."""
     names = [result.name or result.designator or "?" for result in results]
     return list(dict.fromkeys(names))

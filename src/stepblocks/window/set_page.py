@@ -156,7 +156,7 @@ class SetForm:
                 await asyncio.sleep(_QUIET)
                 if is_gone(self._state):
                     return
-                if is_sound and shown == self._changes and not self._axis.is_held:
+                if is_sound and shown == self._changes and not self._axis.is_dragged_by_hand:
                     await self._design_and_show(is_quick=False)
         finally:
             self._is_designing = False

@@ -71,7 +71,7 @@ class SizeRange:
         """Tell whether a size is in this unit, and lies within the slider."""
         return size_range.unit == self.unit and self.low <= size_range.value <= self.high
 
-    def format_entry(self, value: float) -> str:
+    def format_value_with_unit(self, value: float) -> str:
         """Write a value of the slider as the form takes it."""
         return f"{_round_to_written_digits(value):g} {self.unit}"
 
@@ -97,7 +97,7 @@ class Size:
 
     def replace_in_entry(self, entry: str, value: float) -> str:
         """Return an entry with another value of the size; unchanged where it holds it no more."""
-        text = self.range.format_entry(value)
+        text = self.range.format_value_with_unit(value)
         if not self.place:
             return text
         table = _parse_toml_value(entry)

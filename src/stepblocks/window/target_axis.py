@@ -82,7 +82,7 @@ class TargetAxis:
         ui.label(texts.AXIS_ENERGY).classes("w-full text-center")
 
     @property
-    def is_held(self) -> bool:
+    def is_dragged_by_hand(self) -> bool:
         """Whether a hand holds a target."""
         return self._held is not None
 
@@ -93,7 +93,7 @@ class TargetAxis:
 
     def show_marks(self, marks: SetMarks) -> None:
         """Show targets and blocks; targets that a hand has moved stay where they are."""
-        if not self.is_held:
+        if not self.is_dragged_by_hand:
             self._choose_axis_ends([*marks.targets, *marks.blocks])
             self._draw_ticks()
         self._show_targets([mark.energy for mark in marks.targets])
@@ -128,7 +128,7 @@ class TargetAxis:
         if len(energies) != len(self._energies):
             self._energies = energies
             self._remake_target_marks()
-        elif not self.is_held and _differ_in_written_digits(energies, self._energies):
+        elif not self.is_dragged_by_hand and _differ_in_written_digits(energies, self._energies):
             self._energies = energies
         self._place_target_marks()
 

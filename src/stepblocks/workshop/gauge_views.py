@@ -65,7 +65,7 @@ def draw_gauge_assembly_views(
     _draw_step_detail(sheet, block)
     _draw_parts_table(sheet, base, pair)
     _draw_grades_table(sheet, block, pair)
-    _draw_reach_table(sheet, judged)
+    _draw_table_of_reached_characteristics(sheet, judged)
     sheet.write_notes(_NOTES, [Note(line) for line in _list_assembly_notes(pair)])
 
 
@@ -224,7 +224,9 @@ def _format_gauge_length(length: float) -> str:
     return replace_decimal_points_by_commas(format_millimetres(length, 4))
 
 
-def _draw_reach_table(sheet: Sheet, judged: Iterable[JudgedCharacteristic]) -> None:
+def _draw_table_of_reached_characteristics(
+    sheet: Sheet, judged: Iterable[JudgedCharacteristic]
+) -> None:
     """Draw the table of the characteristics that the assembly reaches or misses, with reasons."""
     numbers: dict[Contribution, list[int]] = {}
     for item in judged:

@@ -186,7 +186,7 @@ def fit_rubbing_ring(
         search = problem.minimise_from_gap(gap)
         if best is None or search.cost < (1.0 - _ALIKE) * best.cost:
             best = search
-        if problem.is_settled(best):
+        if problem.is_fit_good_with_visible_gap(best):
             break
     assert best is not None
     return problem.build_ring(best)
@@ -324,7 +324,7 @@ class _RubbingProblem:
         """Return by how many standard errors the residuals of a fit miss the noise."""
         return compute_chi_squared_excess(residuals, _SCALE.size, self.beginning, self.noise)
 
-    def is_settled(self, search: Any) -> bool:
+    def is_fit_good_with_visible_gap(self, search: Any) -> bool:
         """Tell whether a fit is good, and its gap shows in the force."""
         if not self._compute_force_misfit(search.fun[:-2]) < _GOOD:
             return False
