@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from oracles.softgauge import correlated_noise, edge_gauge
-from stepblocks.inspect.features import _compute_likelihood_gain, _estimate_correlation_length
+from stepblocks.inspect.features import _compute_likelihood_gain, _estimate_correlated_point_count
 from stepblocks.inspect.found_edges import _compute_window_differences, _find_plateau_middle
 from stepblocks.inspect.levelling import (
     Fit,
@@ -223,7 +223,7 @@ def test_a_fit_without_residuals_gains_on_a_smooth_curve_by_the_scatter_that_cou
     kept = np.ones(t.size, dtype=bool)
     step = np.where(t > 0.0, 1e-6, 0.0)
     fit = Fit(np.stack([np.ones_like(t), step]), np.eye(2, 200), np.zeros(2), 0.0 * t, kept, 0)
-    together = _estimate_correlation_length(fit)
+    together = _estimate_correlated_point_count(fit)
     gain = _compute_likelihood_gain(t, step, fit, 1, together)
     curve = np.stack([t, np.ones_like(t)])
     left = step - np.linalg.lstsq(curve.T, step, rcond=None)[0] @ curve

@@ -139,7 +139,7 @@ def fit_features(
     for number, span in enumerate(_pair_edges_into_spans(edges), start=1):
         height = fit.estimate_term(chosen + number)
         features.append(Feature(span.begin, span.end, span.unseen, span.flanks, height))
-    together = _estimate_correlation_length(fit)
+    together = _estimate_correlated_point_count(fit)
     positions = fit.design[1]
     terms = chosen + 1 + 2 * len(edges)
     return Levels(
@@ -232,7 +232,7 @@ def _mark_points_beside_edges(
     return beside
 
 
-def _estimate_correlation_length(fit: Fit) -> float:
+def _estimate_correlated_point_count(fit: Fit) -> float:
     """Estimate over how many points the residuals of a fit are correlated, at least 1 [points]."""
     kept = np.where(fit.used, fit.residuals, np.nan)
     gamma = estimate_autocovariance([kept], len(fit.design))

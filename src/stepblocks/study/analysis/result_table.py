@@ -148,7 +148,7 @@ def iterate_result_rows(analysis: Analysis, findings: Sequence[Finding]) -> RowI
         )
         yield from _iterate_equivalence_rows(interval, False, quantity_prefix=f"{EXPONENT}, ")
     for influence in iterate_influences(analysis, findings):
-        yield _make_influence_row(influence)
+        yield _make_row_without_participant(influence)
 
 
 def _sort_measures(analysis: Analysis, findings: Sequence[Finding]) -> list[Measure]:
@@ -513,7 +513,7 @@ def _iterate_power_law_rows(law: PowerLaw, names_condition: bool) -> RowIterator
         )
 
 
-def _make_influence_row(influence: Influence) -> ResultRow:
+def _make_row_without_participant(influence: Influence) -> ResultRow:
     """Lay out a difference without one participant."""
     interval = influence.interval
     logarithmic = _is_logarithmic(influence.test)
