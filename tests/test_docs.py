@@ -284,7 +284,7 @@ def test_a_benchmark_asks_for_nothing_that_is_not_there(tmp_path):
         "from stepblocks.study.analysis.population import Nobody\n\n\n"
         "def main():\n"
         "    point = OperatingPoint(125e-6, 1.0, 0.15, normal=1.0)\n"
-        "    comparisons.fit_setting = None\n"
+        "    comparisons.fit_comparisons_of_setting = None\n"
         "    print(point.radius, undeclared)\n"
     )
     said = page_types.check_programs([*page_types.list_programs(), wrong])
