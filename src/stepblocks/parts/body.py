@@ -380,18 +380,18 @@ class Block(Part):
         return cad.kernel.make_prism(outline, self.body.width.nominal)
 
     def yield_body_characteristics(
-        self, lower_face: FaceRule, upper_face: FaceRule, edge_wall: Rule | None
+        self, lower: FaceRule, upper: FaceRule, edge: Rule | None
     ) -> Iterator[Characteristic]:
         """Yield the characteristics of the body.
 
-        `lower_face` and `upper_face` are the working faces, `edge_wall` is the wall of the edge, if
+        `lower` and `upper` are the working faces, `edge` is the wall of the edge, if
         there is one.
         """
         mounting = self.body.mounting
         half_length = self.body.half_length
         left = make_plane_rule(0, -half_length)
         base = make_plane_rule(2, self.body.base)
-        yield from self._yield_size_characteristics(lower_face)
+        yield from self._yield_size_characteristics(lower)
         if mounting is not None:
             holes = (
                 self._make_hole_wall_rule(mounting, -0.5),
@@ -403,13 +403,11 @@ class Block(Part):
         yield self._make_edge_break_characteristic()
         yield from self._yield_engraving_characteristics()
         if mounting is not None:
-            yield from self._yield_hole_characteristics(mounting, lower_face)
-        if edge_wall is not None:
+            yield from self._yield_hole_characteristics(mounting, lower)
+        if edge is not None:
             label = "working edge from the left side"
-            yield make_location_characteristic("edge_position", label, half_length, left, edge_wall)
-        yield from make_roughness_and_base_characteristics(
-            self.face_demands, lower_face, upper_face, base
-        )
+            yield make_location_characteristic("edge_position", label, half_length, left, edge)
+        yield from make_roughness_and_base_characteristics(self.face_demands, lower, upper, base)
         if mounting is not None and mounting.kind == "tapped":
             yield self._make_thread_characteristic(mounting)
 

@@ -103,9 +103,9 @@ class CrownMargin(Part):
                 f"{format_quantity(rise, 'length')}"
             )
 
-    def measure_gap(self, mesh: MeasuredMesh, body_length: Dimension) -> Verdict:
+    def measure_gap(self, mesh: MeasuredMesh, length: Dimension) -> Verdict:
         """Measure the marginal gap on the mesh of a body of this length."""
-        reach = 0.25 * body_length.nominal
+        reach = 0.25 * length.nominal
         crown_wall = mesh.measure_wall_position(-1, reach)
         tooth_wall = mesh.measure_wall_position(+1, reach)
         gap = crown_wall - tooth_wall

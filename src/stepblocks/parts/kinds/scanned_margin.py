@@ -184,7 +184,7 @@ class ScannedMargin(CrownMargin):
             identity = f"{declared.id}-{number:0{digits}}"
             yield {**stanza, "id": identity, "station": _name_station_values(number, row)}
 
-    def read_tooth(self, folder: Path, magnification: float = 1.0) -> Mesh:
+    def read_tooth(self, folder: Path, scale: float = 1.0) -> Mesh:
         """Read the surface that the margin runs along [m], magnified; islands are left out."""
         surface = read_confined(
             f"{margin_line.__name__}:read_tooth_in_worker",
@@ -194,7 +194,7 @@ class ScannedMargin(CrownMargin):
             raises=StimulusError,
         )
         name, _, _ = self.id.rpartition("-")
-        return Mesh(name, surface["vertices"] * magnification, surface["triangles"])
+        return Mesh(name, surface["vertices"] * scale, surface["triangles"])
 
     @property
     def floor_depth_and_slope(self) -> tuple[float, float]:
